@@ -1,0 +1,39 @@
+# make render   renders a sample scene with Lobe into out/
+# make test     everything that must hold: style, types, tests
+# make package  the extension with its wheels, for this system, into out/
+# Each makes .venv from the pinned requirements when it is missing or they have changed.
+
+PYTHON ?= python3.11
+VENV := .venv
+RUN := $(VENV)/bin/python
+INSTALLED := $(VENV)/installed
+
+.PHONY: render test lint types package venv clean
+
+render: $(INSTALLED)
+	mkdir -p out
+	$(RUN) tools/render.py sample_blends/plates_phong.blend -o out/plates_phong.png -o out/plates_phong.exr
+
+test: lint types
+	$(RUN) -m pytest
+
+lint: $(INSTALLED)
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+
+types: $(INSTALLED)
+	$(RUN) -m mypy engine tools
+
+package: $(INSTALLED)
+	$(RUN) tools/package.py -o out
+
+venv: $(INSTALLED)
+
+$(INSTALLED): requirements.txt requirements-dev.txt
+	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 is needed (set PYTHON=... if it has another name)"; exit 1; }
+	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
+	$(RUN) -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	touch $(INSTALLED)
+
+clean:
+	rm -rf $(VENV) out

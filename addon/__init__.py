@@ -1,0 +1,28 @@
+"""The Blender side of Lobe: the render engine, its settings and panels, and the export of the scene.
+
+Registering must stay quick: nothing in here imports Numba or a kernel before the first render.
+"""
+
+from __future__ import annotations
+
+from . import phong_group, precompile, properties, render_engine, ui
+
+_PARTS = (properties, phong_group, render_engine, ui, precompile)
+
+
+def register() -> None:
+    done = []
+    try:
+        for part in _PARTS:
+            part.register()
+            done.append(part)
+    except Exception:
+        # Half an add-on would be left behind: Blender doesn't call unregister when register fails.
+        for part in reversed(done):
+            part.unregister()
+        raise
+
+
+def unregister() -> None:
+    for part in reversed(_PARTS):
+        part.unregister()

@@ -1,0 +1,207 @@
+"""Everything that is placed in the scene: meshes as instances of shared geometry, and the lamps.
+
+One pass over `depsgraph.object_instances`, which holds originals, duplicates, particles, geometry-nodes instances and
+the meshes of curves, text, surfaces and metaballs alike. What equal items have in common (mesh, materials, visibility)
+is found once, at the first of them; the rest of the pass is one dictionary lookup each.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...engine import Instances, Lamp, Mesh, Visibility
+from .lights import export_light
+from .materials import MaterialTable
+from .meshes import export_mesh
+from .notes import Notes
+
+UNSUPPORTED_TYPES = {
+    "CURVES": "hair curves",
+    "POINTCLOUD": "point clouds",
+    "VOLUME": "volumes",
+    "GPENCIL": "grease pencil",
+    "GREASEPENCIL": "grease pencil",
+}
+
+VISIBILITY = (
+    ("visible_camera", Visibility.CAMERA),
+    ("visible_diffuse", Visibility.DIFFUSE),
+    ("visible_glossy", Visibility.GLOSSY),
+    ("visible_shadow", Visibility.SHADOW),
+)
+
+
+class Kind(NamedTuple):
+    """What equal items of `object_instances` have in common; mesh -1 places nothing."""
+
+    mesh: int = -1
+    first_slot: int = 0
+    slot_count: int = 1
+    visibility: int = 0
+    object: int = 0
+
+
+NOTHING = Kind()
+
+
+class Placement:
+    """Collects the meshes, instances and lamps of one dependency graph."""
+
+    def __init__(self, depsgraph, materials: MaterialTable, notes: Notes) -> None:
+        self.meshes: list[Mesh] = []
+        self.lights: list[Lamp] = []
+        self._materials = materials
+        self._notes = notes
+        self._view_layer = depsgraph.view_layer
+        self._viewport = depsgraph.mode == "VIEWPORT"
+        self._layer_flags = uses_layer_flags(depsgraph.view_layer.layer_collection)
+        self._mesh_index: dict = {}
+        self._slot_index: dict[tuple[int, ...], int] = {}
+        self._slot_table: list[int] = []
+        self._object_names: list[str] = []
+        self.instances = self._collect(depsgraph.object_instances)
+
+    def _collect(self, items) -> Instances:
+        known: dict = {}
+        kinds: list[Kind] = [NOTHING]
+        of_item: list[int] = []  # index into `kinds`
+        for item in items:
+            object_ = item.object
+            # A duplicate's `object` is a stand-in, at one address for all: the datablocks tell them apart.
+            key = (object_.data, item.instance_object, item.parent) if item.is_instance else object_
+            kind = known.get(key)
+            if kind is None:
+                if object_.type == "LIGHT":
+                    self._add_light(item, object_)
+                    of_item.append(0)
+                    continue
+                known[key] = kind = len(kinds)
+                kinds.append(self._kind(item, object_))
+            of_item.append(kind)
+
+        # One call for all matrices; `len(items)` would walk through them once more. They come transposed.
+        matrices = np.empty((len(of_item), 4, 4), np.float32)
+        items.foreach_get("matrix_world", matrices.reshape(-1))
+        return self._gather(kinds, np.array(of_item, np.intp), matrices.transpose(0, 2, 1)[:, :3, :])
+
+    def _gather(self, kinds: list[Kind], of_item: np.ndarray, matrices: np.ndarray) -> Instances:
+        """The structure of arrays: looks each item's properties up in its kind."""
+        table = np.array(kinds, np.int32)
+        drawn = np.flatnonzero(table[of_item, 0] >= 0)
+        mesh, first_slot, slot_count, visibility, object_ = np.ascontiguousarray(table[of_item[drawn]].T)
+        return Instances(
+            mesh=mesh,
+            transforms=matrices[drawn].astype(np.float64),
+            material_offset=first_slot,
+            slot_count=slot_count,
+            material_table=np.array(self._slot_table, np.int32),
+            visibility=visibility.astype(np.uint8),
+            object=object_,
+            object_names=self._object_names,
+        )
+
+    def _add_light(self, item, object_) -> None:
+        if not item.show_self:
+            return
+        matrix = np.array(item.matrix_world, np.float64)[:3]
+        light = export_light(object_, matrix, self._visibility(item, object_), self._notes)
+        if light is not None:
+            self.lights.append(light)
+
+    def _kind(self, item, object_) -> Kind:
+        if item.show_particles and len(object_.particle_systems):
+            self._note_hair(object_)
+        if not item.show_self:
+            return NOTHING
+        if object_.type != "MESH":
+            if object_.type in UNSUPPORTED_TYPES:
+                what = UNSUPPORTED_TYPES[object_.type]
+                self._notes.warn("object", object_.name, f"{what} are not supported and left out")
+            return NOTHING  # Curves, text and metaballs come again, as instanced meshes.
+        visibility = self._visibility(item, object_)
+        if not visibility:
+            self._notes.skip("object", object_.name, "it is hidden from every ray")
+            return NOTHING
+        mesh = self._mesh(item.instance_object or object_, object_.data)
+        if mesh < 0:
+            return NOTHING
+        first_slot, slot_count = self._slots(object_)
+        self._object_names.append(object_.name)
+        return Kind(mesh, first_slot, slot_count, int(visibility), len(self._object_names) - 1)
+
+    def _mesh(self, owner, data) -> int:
+        """Index of the exported mesh of an evaluated datablock, -1 for one without faces."""
+        if data not in self._mesh_index:
+            mesh = self._export_mesh(owner, data)
+            if mesh is None:
+                self._notes.skip("object", owner.name, "it has no faces")
+            else:
+                self.meshes.append(mesh)
+            self._mesh_index[data] = -1 if mesh is None else len(self.meshes) - 1
+        return self._mesh_index[data]
+
+    def _export_mesh(self, owner, data) -> Mesh | None:
+        """In the viewport a mesh in edit mode is no arrays yet, and a subdivision may be left to the graphics card:
+        both become a mesh on demand only."""
+        if not self._viewport or owner.data != data or not is_deferred(owner, data):
+            return export_mesh(data, data.name)
+        try:
+            return export_mesh(owner.to_mesh(), data.name)
+        finally:
+            owner.to_mesh_clear()
+
+    def _slots(self, object_) -> tuple[int, int]:
+        """Where the object's materials begin in the table, and their number. Equal lists are stored once."""
+        slots = tuple(self._materials.index(slot.material) for slot in object_.material_slots)
+        slots = slots or tuple(self._materials.index(material) for material in object_.data.materials)
+        slots = slots or (self._materials.index(None),)
+        if slots not in self._slot_index:
+            self._slot_index[slots] = len(self._slot_table)
+            self._slot_table.extend(slots)
+        return self._slot_index[slots], len(slots)
+
+    def _visibility(self, item, object_) -> Visibility:
+        """The rays that see the object and, for a duplicate, its instancer too (as in Cycles, blender/object.cpp)."""
+        owners = [object_, item.parent] if item.is_instance and item.parent else [object_]
+        visibility = Visibility.ALL
+        for owner in owners:
+            for name, bit in VISIBILITY:
+                if not getattr(owner, name):
+                    visibility &= ~bit
+            if owner.is_shadow_catcher and owner.type == "MESH":  # Lamps have this flag set by default.
+                self._notes.warn("object", owner.name, "shadow catchers are not supported, drawn as it is")
+            holdout = owner.is_holdout
+            if self._layer_flags:
+                holdout |= owner.original.holdout_get(view_layer=self._view_layer)
+                if owner.original.indirect_only_get(view_layer=self._view_layer):
+                    visibility &= ~Visibility.CAMERA
+            if holdout:
+                self._notes.warn("object", owner.name, "holdouts are not supported, drawn as it is")
+            if links_light(owner):
+                self._notes.warn("object", owner.name, "light linking is not supported, every lamp lights everything")
+        return visibility
+
+    def _note_hair(self, object_) -> None:
+        for system in object_.particle_systems:
+            settings = system.settings
+            if settings.type == "HAIR" and settings.render_type == "PATH":
+                what = f"hair of particle system '{system.name}' is not supported and left out"
+                self._notes.warn("object", object_.name, what)
+
+
+def is_deferred(owner, data) -> bool:
+    return "position" not in data.attributes or any(modifier.type == "SUBSURF" for modifier in owner.modifiers)
+
+
+def links_light(object_) -> bool:
+    linking = object_.light_linking
+    return linking is not None and (linking.receiver_collection is not None or linking.blocker_collection is not None)
+
+
+def uses_layer_flags(layer_collection) -> bool:
+    """Whether a view layer makes any collection indirect-only or a holdout."""
+    if layer_collection.indirect_only or layer_collection.holdout:
+        return True
+    return any(uses_layer_flags(child) for child in layer_collection.children)

@@ -1,0 +1,117 @@
+"""Lamps: one converter for each of Blender's light types, in `LIGHT_CONVERTERS`.
+
+A lamp is exported with Blender's strength (see units.py) times its colour and, where it has a node tree, times what
+that emits. Lamps that give no light are left out and listed in `Scene.skipped`.
+"""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from ...engine import AreaLight, Lamp, PointLight, SpotLight, SunLight, Visibility
+from . import units
+from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
+from .materials.material import uses_nodes
+from .materials.surface import Walk
+from .materials.tree import Slot, find_input, shader_output
+from .materials.values import Evaluator
+from .notes import Notes
+
+
+def export_light(object_, matrix: np.ndarray, visibility: Visibility, notes: Notes) -> Lamp | None:
+    """A lamp object placed by `matrix` (3, 4), or None where it gives no light."""
+    data = object_.data
+    name = object_.name
+    convert = LIGHT_CONVERTERS.get(data.type)
+    if convert is None:
+        notes.warn("light", name, f"type {data.type.lower()} is not supported and left out")
+        return None
+    if data.type == "AREA" and getattr(getattr(data, "cycles", None), "is_portal", False):
+        notes.skip("light", name, "it is a portal, which only guides Cycles")
+        return None
+    color = light_color(data, name, notes)
+    strength = units.lamp_strength(data.energy, getattr(data, "exposure", 0.0))
+    if strength == 0.0 or not np.any(color):
+        notes.skip("light", name, "its strength is zero")
+        return None
+    if not visibility & ~Visibility.SHADOW:
+        notes.skip("light", name, "it is hidden from every ray")
+        return None
+    common = {"name": name, "transform": matrix, "visibility": visibility, "cast_shadow": bool(data.use_shadow)}
+    return convert(data, color, strength, common, notes)
+
+
+def light_color(data, name: str, notes: Notes) -> np.ndarray:
+    """(3,) colour, with the colour temperature of Blender 4.5 and later, times the emission of the node tree."""
+    color = np.array(data.color[:3], np.float64)
+    if getattr(data, "use_temperature", False):
+        color *= np.array(data.temperature_color[:3])
+    if not uses_nodes(data):
+        return color
+    output = shader_output(data.node_tree, "ShaderNodeOutputLight")
+    if output is None:
+        return np.zeros(3)
+
+    def note(sentence: str) -> None:
+        notes.warn("light", name, sentence)
+
+    def texture(_evaluator, _slot):
+        return None
+
+    walk = Walk(Evaluator(note, texture))
+    return color * walk.surface(Slot(find_input(output, "Surface"))).emission
+
+
+def normalized(data) -> bool:
+    """Whether the strength is a power, spread over the lamp's size: always before Blender 4.5."""
+    return bool(getattr(data, "normalize", True))
+
+
+def _rgb(color: np.ndarray, factor: float) -> tuple[float, float, float]:
+    return tuple(float(c) for c in color * factor)
+
+
+def _sphere(data, color, strength: float) -> dict:
+    """What point and spot lamps share. Their radius is in world space: the object's scale does not change it."""
+    radius = data.shadow_soft_size
+    return {
+        "intensity": _rgb(color, units.point_intensity(strength, radius, normalized(data))),
+        "radius": radius,
+        "soft_falloff": bool(getattr(data, "use_soft_falloff", False)),
+    }
+
+
+def _point(data, color, strength: float, common: dict, notes: Notes) -> Lamp:
+    return PointLight(**common, **_sphere(data, color, strength))
+
+
+def _spot(data, color, strength: float, common: dict, notes: Notes) -> Lamp:
+    shape = {"half_angle": min(data.spot_size / 2.0, pi / 2.0), "blend": data.spot_blend}
+    return SpotLight(**common, **_sphere(data, color, strength), **shape)
+
+
+def _sun(data, color, strength: float, common: dict, notes: Notes) -> Lamp:
+    irradiance = units.sun_irradiance(strength, data.angle, normalized(data))
+    return SunLight(**common, irradiance=_rgb(color, irradiance), angle=data.angle)
+
+
+def _area(data, color, strength: float, common: dict, notes: Notes) -> Lamp | None:
+    size_x = data.size
+    size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
+    ellipse = data.shape in ("DISK", "ELLIPSE")
+    scale_x, scale_y = np.linalg.norm(common["transform"][:, :2], axis=0)
+    area = units.area_of_light(size_x * scale_x, size_y * scale_y, ellipse)
+    if area == 0.0:
+        notes.skip("light", common["name"], "its area is zero")
+        return None
+    spread = getattr(data, "spread", pi)
+    if spread <= 0.0:
+        notes.warn("light", common["name"], "a spread of zero is not supported and left out")
+        return None
+    radiance = _rgb(color, units.area_radiance(strength, area, normalized(data)))
+    return AreaLight(**common, radiance=radiance, size_x=size_x, size_y=size_y, ellipse=ellipse, spread=spread)
+
+
+LIGHT_CONVERTERS = {"POINT": _point, "SPOT": _spot, "SUN": _sun, "AREA": _area}

@@ -1,0 +1,12 @@
+"""Blender's materials to `engine.Material`: constants folded, what has no counterpart named once per material.
+
+`tree.py` walks sockets, `values.py` and `nodes_*.py` fold colours and numbers, `surface.py` and `shaders_*.py` turn
+shader nodes into lobes. Adding a node is one decorated function in a file that is imported here.
+"""
+
+from __future__ import annotations
+
+from . import nodes_color, nodes_input, nodes_math, shaders_basic, shaders_nearest, shaders_principled  # noqa: F401
+from .material import MaterialTable
+
+__all__ = ["MaterialTable"]

@@ -1,0 +1,111 @@
+"""One material: its node tree's active output to `engine.Material`, and the table of all materials of a scene."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ....engine import DEFAULT_MATERIAL, Material
+from ..images import MISSING, Images
+from ..notes import Notes
+from .surface import Walk, merge_lobes
+from .tree import Slot, find_input, shader_output, source
+from .values import Evaluator, node_label
+
+# What stands for values that depend on the ray or the place: the camera looks at the front.
+NEAREST = {
+    ("ShaderNodeLightPath", "Is Camera Ray"): 1.0,
+    ("ShaderNodeLightPath", "Is Shadow Ray"): 0.0,
+    ("ShaderNodeLightPath", "Is Diffuse Ray"): 0.0,
+    ("ShaderNodeLightPath", "Is Glossy Ray"): 0.0,
+    ("ShaderNodeLightPath", "Is Singular Ray"): 0.0,
+    ("ShaderNodeLightPath", "Is Reflection Ray"): 0.0,
+    ("ShaderNodeLightPath", "Is Transmission Ray"): 0.0,
+    ("ShaderNodeLightPath", "Is Volume Scatter Ray"): 0.0,
+    ("ShaderNodeNewGeometry", "Backfacing"): 0.0,
+}
+
+
+class MaterialTable:
+    """Materials in the order they were first asked for; index 0 is the default of objects without any."""
+
+    def __init__(self, notes: Notes, images: Images, override=None) -> None:
+        self.materials: list[Material] = [DEFAULT_MATERIAL]
+        self._notes = notes
+        self._images = images
+        self._override = override  # The view layer's material override, which replaces all others.
+        self._known: dict[int, int] = {}
+
+    def index(self, material) -> int:
+        """Of a bpy material, None for none."""
+        material = self._override or material
+        if material is None:
+            return 0
+        key = material.as_pointer()
+        if key not in self._known:
+            self._known[key] = len(self.materials)
+            self.materials.append(export_material(material, self._notes, self._images))
+        return self._known[key]
+
+
+def export_material(material, notes: Notes, images: Images) -> Material:
+    name = material.name_full  # With the library's name where it is linked: names may then be equal.
+    if not uses_nodes(material):
+        return Material(name, kd=tuple(material.diffuse_color[:3]))
+
+    def note(sentence: str) -> None:
+        notes.warn("material", name, sentence)
+
+    output = shader_output(material.node_tree, "ShaderNodeOutputMaterial")
+    if output is None:
+        note("it has no output node, drawn black")
+        return Material(name)
+    _note_linked(output, "Volume", "volumes are not supported and left out", note)
+    _note_linked(output, "Displacement", "displacement is not supported, the surface stays as it is", note)
+
+    def texture(_evaluator, slot: Slot) -> np.ndarray:
+        return average_color(slot, images, note)
+
+    walk = Walk(Evaluator(note, texture, NEAREST))
+    surface = walk.surface(Slot(find_input(output, "Surface")))
+    ks, exponent = merge_lobes(surface.lobes, note)
+    if surface.transparency.max() > 1.0 + 1e-6:
+        note("it lets through more light than there is, limited to all of it")
+    return Material(
+        name,
+        kd=rgb(surface.diffuse),
+        ks=rgb(ks),
+        exponent=exponent,
+        emission=rgb(surface.emission),
+        transparency=rgb(np.minimum(surface.transparency, 1.0)),
+    )
+
+
+def uses_nodes(datablock) -> bool:
+    """From Blender 5.0 on materials and worlds always do, and the property only warns."""
+    if bpy.app.version >= (5, 0, 0) and not isinstance(datablock, bpy.types.Light):
+        return datablock.node_tree is not None
+    return datablock.use_nodes and datablock.node_tree is not None
+
+
+def average_color(slot: Slot, images: Images, note) -> np.ndarray:
+    """(3,) or, for the Alpha output, (1,): the mean of the image that the slot's texture node shows."""
+    image = slot.node.image
+    mean = images.average(slot.node)
+    if mean is None:
+        shown = f"image '{image.name}' is missing" if image else f"{node_label(slot.node)} has no image"
+        note(f"{shown}, drawn magenta")
+        mean = np.array([*MISSING, 1.0])
+    else:
+        note(f"image '{image.name}' is not mapped, its average colour is drawn")
+    return mean[3:] if slot.socket.identifier == "Alpha" else mean[:3]
+
+
+def _note_linked(output, name: str, sentence: str, note) -> None:
+    socket = find_input(output, name)
+    if socket is not None and source(Slot(socket)).socket.is_output:
+        note(sentence)
+
+
+def rgb(color: np.ndarray) -> tuple[float, float, float]:
+    return float(color[0]), float(color[1]), float(color[2])

@@ -1,0 +1,56 @@
+"""The whole of a dependency graph to `engine.Scene`, part by part."""
+
+from __future__ import annotations
+
+from ...engine import Scene
+from .camera import border, export_camera, resolution
+from .images import Images
+from .instances import Placement
+from .materials import MaterialTable
+from .notes import Notes
+from .settings import film_exposure
+from .world import export_world
+
+
+def export_scene(depsgraph) -> Scene:
+    """Everything that the picture of an evaluated dependency graph depends on, as plain arrays.
+
+    Raises SceneError without a camera; all else that cannot be rendered is for `Scene.validate` to say. Nothing of
+    Blender's is kept.
+    """
+    scene = depsgraph.scene_eval
+    view_layer = depsgraph.view_layer_eval
+    render = scene.render
+    width, height = resolution(render)
+    notes = Notes()
+    images = Images(notes)
+    camera = export_camera(scene, notes)
+    materials = MaterialTable(notes, images, override=view_layer.material_override)
+    placement = Placement(depsgraph, materials, notes)
+    world = export_world(getattr(view_layer, "world_override", None) or scene.world, notes, images)
+    note_scene(render, notes)
+    return Scene(
+        camera=camera,
+        width=width,
+        height=height,
+        region=border(render, width, height),
+        meshes=placement.meshes,
+        instances=placement.instances,
+        materials=materials.materials,
+        lights=placement.lights,
+        world=world,
+        exposure=film_exposure(scene),
+        transparent_film=render.film_transparent,
+        skipped=notes.skipped,
+        warnings=notes.warnings,
+    )
+
+
+def note_scene(render, notes: Notes) -> None:
+    """Names what the render settings ask for and the engine does not do."""
+    if render.use_motion_blur:
+        notes.warn_scene("motion blur is not supported and left out")
+    if render.use_multiview:
+        notes.warn_scene("stereo rendering is not supported, every view is the centre one")
+    if render.use_freestyle:
+        notes.warn_scene("Freestyle lines are not supported and left out")

@@ -1,0 +1,158 @@
+"""The world: what its Background node shines with, a colour or an equirectangular image, and how that is turned.
+
+Colour nodes between the image and the background are applied to the pixels. A procedural sky has no counterpart: it
+becomes a constant and is named.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...engine import Visibility, World
+from .images import MISSING, Images
+from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
+from .materials.material import uses_nodes
+from .materials.surface import Walk
+from .materials.tree import Slot, find_input, shader_output, source
+from .materials.values import Evaluator, as_color, node_label, value_node
+from .notes import Notes
+
+# The engine's environment space has the middle of the image at -x, Blender's at +x (Cycles,
+# kernel/camera/projection.h, direction_to_equirectangular; and rendered): they are half a turn about z apart.
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+
+# Mean radiance over the whole sphere of each kind of sky texture with its default settings, rendered with Cycles 5.0.
+SKIES = {
+    "PREETHAM": (0.60, 0.68, 1.00),
+    "HOSEK_WILKIE": (0.083, 0.155, 0.219),
+    "NISHITA": (2.07, 2.07, 2.01),  # of Blender 4; called single scattering from 5.0 on
+    "SINGLE_SCATTERING": (2.07, 2.07, 2.01),
+    "MULTIPLE_SCATTERING": (1.89, 2.55, 3.47),
+}
+
+# What lights the scene counts, not what the camera sees.
+NEAREST = {("ShaderNodeLightPath", "Is Camera Ray"): 0.0, ("ShaderNodeLightPath", "Is Diffuse Ray"): 1.0}
+
+
+def export_world(world, notes: Notes, images: Images) -> World:
+    """Of a bpy world, evaluated; None gives a black one."""
+    if world is None:
+        return World()
+    visibility = world_visibility(world)
+    if not uses_nodes(world):
+        return World(color=tuple(world.color), visibility=visibility)
+    output = shader_output(world.node_tree, "ShaderNodeOutputWorld")
+    if output is None:
+        return World(visibility=visibility)
+
+    def note(sentence: str) -> None:
+        notes.warn("world", world.name, sentence)
+
+    environment = Environment(images, note)
+    walk = Walk(Evaluator(note, environment.texture, NEAREST))
+    if source(Slot(find_input(output, "Volume"))).socket.is_output:
+        note("volumes are not supported and left out")
+    light = walk.surface(Slot(find_input(output, "Surface"))).emission
+    if light.ndim == 1:
+        return World(color=tuple(float(c) for c in light), visibility=visibility)
+    return World(
+        color=(1.0, 1.0, 1.0),
+        image=clean(light),
+        rotation=HALF_TURN @ environment.rotation,
+        visibility=visibility,
+    )
+
+
+def clean(image: np.ndarray) -> np.ndarray:
+    """(H, W, 3) float32; pixels that are not finite become black, as in Cycles (scene/image.cpp), and so do negative
+    ones, which compression leaves behind and which cannot light anything."""
+    image = np.nan_to_num(image.astype(np.float32), copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.ascontiguousarray(np.maximum(image, 0.0, out=image))
+
+
+def world_visibility(world) -> Visibility:
+    """Cycles' ray visibility, where that add-on is enabled; else every ray sees the world."""
+    flags = getattr(world, "cycles_visibility", None)
+    visibility = Visibility.ALL
+    for name, bit in (("camera", Visibility.CAMERA), ("diffuse", Visibility.DIFFUSE), ("glossy", Visibility.GLOSSY)):
+        if not getattr(flags, name, True):
+            visibility &= ~bit
+    return visibility
+
+
+@value_node("ShaderNodeTexSky")
+def sky(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    evaluator.note("Sky Texture is not supported, its average colour is drawn")
+    return np.array(SKIES.get(slot.node.sky_type, SKIES["PREETHAM"]))
+
+
+class Environment:
+    """Converter for the texture nodes of a world. The first image that comes up is the world's; further ones of
+    another size or rotation count with their average colour."""
+
+    def __init__(self, images: Images, note) -> None:
+        self.rotation: np.ndarray = np.eye(3)
+        self._images = images
+        self._note = note
+        self._shape: tuple | None = None
+
+    def texture(self, evaluator: Evaluator, slot: Slot) -> np.ndarray | None:
+        node = slot.node
+        pixels = self._images.pixels(node)
+        if pixels is None:
+            shown = f"image '{node.image.name}' is missing" if node.image else f"{node_label(node)} has no image"
+            self._note(f"{shown}, drawn magenta")
+            return np.array(MISSING)
+        if node.bl_idname != "ShaderNodeTexEnvironment" or node.projection != "EQUIRECTANGULAR":
+            return self._average(node, "is not an equirectangular environment")
+        rotation = self._rotation(evaluator, slot)
+        if self._shape is None:
+            self._shape, self.rotation = pixels.color.shape, rotation
+        elif self._shape != pixels.color.shape or not np.allclose(rotation, self.rotation):
+            return self._average(node, "is a second environment of another size or rotation")
+        return pixels.color
+
+    def _average(self, node, why: str) -> np.ndarray:
+        self._note(f"image '{node.image.name}' {why}, its average colour is drawn")
+        return self._images.average(node)[:3]
+
+    def _rotation(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
+        """(3, 3) from a world direction to the one that is looked up, through any number of Mapping nodes."""
+        matrix = np.eye(3)
+        vector = source(slot.input("Vector"))
+        while vector.socket.is_output and vector.node.bl_idname == "ShaderNodeMapping":
+            matrix = matrix @ self._mapping(evaluator, vector)
+            vector = source(vector.input("Vector"))
+        if vector.socket.is_output and not is_direction(vector):
+            self._note(f"{node_label(vector.node)} is not supported as the direction of an environment, left out")
+        return matrix
+
+    def _mapping(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
+        rotation = euler_matrix(evaluator.vector(slot.input("Rotation")))
+        scale = as_color(evaluator.value(slot.input("Scale")))
+        kind = slot.node.vector_type
+        size = np.abs(scale).max()
+        if kind in ("POINT", "TEXTURE") and np.abs(evaluator.vector(slot.input("Location"))).max() > 1e-6:
+            self._note("Mapping's location is not supported for an environment, left out")
+        if size == 0.0 or not np.allclose(np.abs(scale), size, rtol=1e-4):
+            self._note("Mapping's uneven scale is not supported for an environment, left out")
+            scale = np.ones(3)
+        signs = np.diag(np.sign(scale))
+        return signs @ rotation.T if kind == "TEXTURE" else rotation @ signs
+
+
+def is_direction(slot: Slot) -> bool:
+    """Outputs that are the ray's direction in a world."""
+    node = slot.node
+    if node.bl_idname == "ShaderNodeTexCoord":
+        return slot.socket.identifier in ("Generated", "Object") and node.object is None
+    return node.bl_idname == "ShaderNodeNewGeometry" and slot.socket.identifier == "Position"
+
+
+def euler_matrix(angles: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation by XYZ Euler angles in radians: about x first, then y, then z, as Blender's default order."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x

@@ -1,0 +1,154 @@
+"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own).
+
+Defaults and ranges are the engine's, so they cannot drift apart; names, units and costs for the user stand here.
+"""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+
+from ..engine import CHOICES, RANGES, Settings
+
+_DEFAULTS = Settings()
+_INT_MAX = (1 << 31) - 1
+_FLOAT_MAX = 3.4e38  # FloatProperty holds a float32
+
+# Value of an enum -> what the menu shows, and its tooltip.
+_CHOICES_TEXT = {
+    "COSINE": ("Cosine", "Draw diffuse directions in proportion to the cosine. The least noise: leave it here"),
+    "UNIFORM": ("Uniform", "Draw diffuse directions evenly over the hemisphere. About twice the noise; for teaching"),
+    "REJECTION": (
+        "Rejection",
+        "Draw points in a cube until one lies in the half ball, 12/pi draws on average, then use its direction. "
+        "Same distribution as Uniform, slower; for teaching",
+    ),
+    "ALBEDO": ("Albedo", "Weigh the lobes by the light that each reflects at this angle. Less noise at grazing angles"),
+    "CLASSIC": ("Classic", "Weigh the lobes by kd and ks alone, as in the literature"),
+    "BLACKMAN_HARRIS": ("Blackman-Harris", "Smooth edges, as Cycles does by default"),
+    "BOX": ("Box", "Every sample counts for its own pixel alone: sharpest, and best for comparisons"),
+    "COMPILED": ("Compiled", "Compiled kernels on all threads. Use this"),
+    "REFERENCE": (
+        "Reference",
+        "The same algorithm in plain numpy at double precision: some hundred times slower, to check the other one",
+    ),
+}
+
+
+def _limits(key: str) -> dict:
+    """Default and hard range of a numeric setting, within what Blender's properties can hold."""
+    default = getattr(_DEFAULTS, key)
+    end = _INT_MAX if isinstance(default, int) else _FLOAT_MAX
+    low, high = RANGES[key]
+    return {"default": default, "min": max(low, -end - 1), "max": min(high, end)}
+
+
+def _items(key: str) -> dict:
+    return {"items": [(value, *_CHOICES_TEXT[value]) for value in CHOICES[key]], "default": getattr(_DEFAULTS, key)}
+
+
+class LobeSettings(bpy.types.PropertyGroup):
+    samples: IntProperty(
+        name="Samples",
+        description="Paths traced for each pixel. Time grows in proportion; noise halves with four times as many",
+        soft_max=4096,
+        **_limits("samples"),
+    )
+    seed: IntProperty(
+        name="Seed",
+        description="Which random numbers are used. The same seed gives the same picture; animate it to vary the noise",
+        **_limits("seed"),
+    )
+    time_limit: FloatProperty(
+        name="Time Limit",
+        description="Stop after this time and keep what was rendered. 0 means no limit",
+        unit="TIME_ABSOLUTE",
+        soft_max=3600,
+        step=100,
+        **_limits("time_limit"),
+    )
+    use_adaptive_sampling: BoolProperty(
+        name="Use Adaptive Sampling",
+        description="Stop pixels whose noise is below the threshold, and spend the time on the others",
+        default=_DEFAULTS.use_adaptive_sampling,
+    )
+    adaptive_threshold: FloatProperty(
+        name="Noise Threshold",
+        description="The error at which a pixel stops, relative to its brightness. Half of it takes four times as long",
+        precision=4,
+        step=0.1,
+        soft_max=0.1,
+        **_limits("adaptive_threshold"),
+    )
+    max_bounces: IntProperty(
+        name="Total",
+        description="Surfaces that light may bounce off between a lamp and what the camera sees. "
+        "0 shows direct light alone; each bounce costs up to as much time as the one before",
+        soft_max=64,
+        **_limits("max_bounces"),
+    )
+    diffuse_bounces: IntProperty(
+        name="Diffuse",
+        description="How many of the bounces may be diffuse",
+        soft_max=64,
+        **_limits("diffuse_bounces"),
+    )
+    glossy_bounces: IntProperty(
+        name="Glossy",
+        description="How many of the bounces may be glossy (Phong)",
+        soft_max=64,
+        **_limits("glossy_bounces"),
+    )
+    clamp_direct: FloatProperty(
+        name="Direct Light",
+        description="Upper limit of one path's direct light, as the mean of its channels. Removes bright specks "
+        "and darkens the picture: 0 is off, and unbiased",
+        soft_max=100,
+        **_limits("clamp_direct"),
+    )
+    clamp_indirect: FloatProperty(
+        name="Indirect Light",
+        description="Upper limit of one path's indirect light, as the mean of its channels. Removes bright specks "
+        "and darkens the picture: 0 is off, and unbiased",
+        soft_max=100,
+        **_limits("clamp_indirect"),
+    )
+    hemisphere_sampling: EnumProperty(
+        name="Hemisphere",
+        description="How diffuse directions are drawn. The picture is the same in the end; the noise is not",
+        **_items("hemisphere_sampling"),
+    )
+    lobe_selection: EnumProperty(
+        name="Lobe Choice",
+        description="How a path chooses between the diffuse and the Phong lobe. "
+        "The picture is the same in the end; the noise is not",
+        **_items("lobe_selection"),
+    )
+    pixel_filter: EnumProperty(
+        name="Filter",
+        description="How samples near a pixel's edge are weighed",
+        **_items("pixel_filter"),
+    )
+    filter_width: FloatProperty(
+        name="Width",
+        description="Width of the Blackman-Harris filter in pixels. Wider is softer",
+        subtype="PIXEL",
+        soft_min=1,
+        soft_max=3,
+        **_limits("filter_width"),
+    )
+    road: EnumProperty(
+        name="Implementation",
+        description="Which of Lobe's two implementations renders",
+        **_items("road"),
+    )
+
+
+def register() -> None:
+    bpy.utils.register_class(LobeSettings)
+    bpy.types.Scene.lobe = PointerProperty(type=LobeSettings, name="Lobe", description="Settings of the Lobe renderer")
+
+
+def unregister() -> None:
+    del bpy.types.Scene.lobe
+    bpy.utils.unregister_class(LobeSettings)

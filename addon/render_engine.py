@@ -1,0 +1,100 @@
+"""The render engine that Blender knows. It forwards to `session` and reports what goes wrong, nothing else."""
+
+from __future__ import annotations
+
+import traceback
+
+import bpy
+
+from ..engine import LobeError
+
+
+class LobeRenderEngine(bpy.types.RenderEngine):
+    bl_idname = "LOBE"
+    bl_label = "Lobe"
+    bl_use_preview = True
+    bl_use_eevee_viewport = True
+    bl_use_shading_nodes_custom = False
+
+    # Class attributes and no work in __init__: Blender calls that twice for one object (measured in 5.0).
+    session = None  # made by update() for the render() that follows; None when the export failed
+    frame_report = None  # of the view layers rendered so far in this frame
+    failed = False  # then this frame's other view layers aren't tried: the user has the message
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+
+    def update(self, data, depsgraph) -> None:
+        if self.failed:
+            return
+        with _reporting(self):
+            from .session import Session
+
+            self.session = Session(self, depsgraph)
+
+    def render(self, depsgraph) -> None:
+        session, self.session = self.session, None
+        if session is None:
+            return
+        with _reporting(self):
+            from .report import start_report
+
+            if self.frame_report is None:
+                self.frame_report = start_report()
+            session.render(self.frame_report)
+
+    def render_frame_finish(self) -> None:
+        report, self.frame_report = self.frame_report, None
+        failed, self.failed = self.failed, False
+        if report is None or failed or self.is_preview:
+            return
+        with _reporting(self):
+            from .report import publish
+
+            publish(report, self)
+
+    def view_update(self, context, depsgraph) -> None:
+        """Nothing to do: the viewport only says that it does not render yet."""
+
+    def view_draw(self, context, depsgraph) -> None:
+        with _reporting(self):
+            from .viewport import draw_message
+
+            draw_message(context.region, "Press F12 to render with Lobe")
+
+
+class _reporting:
+    """Turns every exception into a message for the user.
+
+    Blender swallows what a callback raises. `report` makes `bpy.ops.render.render` raise; `error_set` writes into the
+    render's window, and without a window it would only say the same again.
+    """
+
+    def __init__(self, engine: bpy.types.RenderEngine):
+        self.engine = engine
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, trace) -> bool:
+        if error is None or not isinstance(error, Exception):
+            return False
+        if isinstance(error, LobeError):
+            message = str(error)
+        else:
+            traceback.print_exception(kind, error, trace)
+            what = (str(error).splitlines() or [""])[0]  # of a compiler's error the rest is pages
+            message = f"Lobe failed ({kind.__name__}: {what}). This is a bug: the console has the details"
+        self.engine.failed = True
+        if not bpy.app.background:
+            self.engine.error_set(message)
+        self.engine.report({"ERROR"}, message)
+        return True
+
+
+def register() -> None:
+    bpy.utils.register_class(LobeRenderEngine)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(LobeRenderEngine)

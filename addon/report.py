@@ -1,0 +1,65 @@
+"""What a render tells the user when it is done: once in Blender's reports, once as data for the command line."""
+
+from __future__ import annotations
+
+from ..engine import Result, Settings
+from .memory import current_and_peak_mb
+
+# The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
+last_report: dict = {}
+
+
+def start_report() -> dict:
+    """An empty report for a frame. The one before is forgotten, so that a failed render doesn't show it again."""
+    last_report.clear()
+    return {
+        "engine": "LOBE",
+        "samples": 0.0,
+        "seconds": {"export": 0.0, "build": 0.0, "compile": 0.0, "render": 0.0, "total": 0.0},
+        "rays": 0,
+        "peak_memory_mb": 0.0,
+        "skipped": [],
+        "warnings": [],
+        "rejected": 0,
+        "stopped": False,
+        "road": "",
+    }
+
+
+def add_layer(report: dict, result: Result, settings: Settings, export_seconds: float, total_seconds: float) -> None:
+    """Add one view layer's render to the report of the frame."""
+    report["samples"] = result.samples
+    report["road"] = settings.road
+    seconds = report["seconds"]
+    for phase, value in {**result.seconds, "export": export_seconds, "total": total_seconds}.items():
+        seconds[phase] = seconds.get(phase, 0.0) + value
+    report["rays"] += result.rays
+    report["rejected"] += result.rejected
+    report["stopped"] |= result.stopped
+    report["peak_memory_mb"] = round(current_and_peak_mb()[1], 1)
+    for key, sentences in (("skipped", result.skipped), ("warnings", result.warnings)):
+        report[key] += [s for s in dict.fromkeys(sentences) if s not in report[key]]
+
+
+def publish(report: dict, engine) -> None:
+    """Show the report to the user, and keep it."""
+    last_report.clear()
+    last_report.update(report)
+    if report["warnings"]:
+        engine.report({"WARNING"}, "Lobe: " + "\n".join(report["warnings"]))
+    if report["rejected"]:
+        engine.report(
+            {"WARNING"},
+            f"Lobe: left out {report['rejected']} samples that were not finite numbers. This is a bug in Lobe",
+        )
+    if report["skipped"]:
+        engine.report({"INFO"}, "Lobe left out: " + ", ".join(report["skipped"]))
+    engine.report({"INFO"}, summary(report))  # last, where the status bar shows it
+
+
+def summary(report: dict) -> str:
+    seconds = report["seconds"]
+    text = f"Lobe: {report['samples']:.0f} samples in {seconds['total']:.2f} s"
+    if seconds["render"] > 0.0:
+        text += f", {report['rays'] / 1e6 / seconds['render']:.1f} million rays per second"
+    return text

@@ -1,0 +1,199 @@
+"""One render of one view layer: export, trace on a worker thread, show the picture as it grows, report.
+
+Blender's side of the render stays on the thread that Blender called us on; the worker never touches bpy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+
+import bpy
+import numpy as np
+
+from .. import engine as lobe
+from .export import export_scene, export_settings
+from .memory import current_and_peak_mb
+from .report import add_layer
+
+TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
+PATIENCE = 0.3  # seconds that a cancelled render is waited for before it is left to end by itself
+PREVIEW_SAMPLES = 32  # of the small pictures of materials
+
+# Seconds between two lines about the progress. Without a window each is a line on the console.
+SAY_INTERVAL = 1.0 if bpy.app.background else TICK
+
+# Whether to show the picture while it grows. Without a window nobody sees it, and it costs time.
+show_progress = not bpy.app.background
+
+
+def refresh_interval(elapsed: float) -> float:
+    """Seconds between two shown pictures: fast at first, then about a twentieth of the time rendered so far."""
+    return min(max(0.2, elapsed / 20.0), 5.0)
+
+
+class Session:
+    """Made in `RenderEngine.update`, where bpy's data may be read; run in `RenderEngine.render`, where it may not."""
+
+    def __init__(self, engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph):
+        start = time.perf_counter()
+        engine.update_stats("", "Exporting")
+        self.engine = engine
+        self.layer = depsgraph.view_layer_eval.name
+        self.settings = export_settings(depsgraph.scene_eval)
+        if engine.is_preview:
+            samples = min(self.settings.samples, PREVIEW_SAMPLES)
+            self.settings = dataclasses.replace(self.settings, samples=samples)
+        self.scene = export_scene(depsgraph)
+        self.export_seconds = time.perf_counter() - start
+
+    def render(self, report: dict) -> None:
+        """Trace and write the layer's picture; adds to the frame's `report`."""
+        start = time.perf_counter()
+        picture = _Picture(self.engine, self.scene, self.layer)
+        worker = _Worker(self.scene, self.settings)
+        finished = False
+        try:
+            self._watch(worker, picture)
+            result = worker.outcome()
+            if result is not None:
+                picture.show(result.pixels)
+                total = self.export_seconds + time.perf_counter() - start
+                add_layer(report, result, self.settings, self.export_seconds, total)
+            finished = True
+        finally:
+            # Also on Ctrl-C, which arrives here as KeyboardInterrupt.
+            worker.stop()
+            picture.close(discard=not finished)
+        if result is not None:
+            _stamp(self.engine, report)
+
+    def cancelled(self) -> bool:
+        return self.engine.test_break()
+
+    def _watch(self, worker: _Worker, picture: _Picture) -> None:
+        """Until the worker is done: pass its progress on to Blender, and Blender's cancel on to it."""
+        start = shown = time.perf_counter()
+        said: lobe.Progress | None = None
+        said_at = start
+        while not worker.wait(TICK):
+            if self.cancelled():
+                worker.stop()
+                # A build or a compilation can't be interrupted: it ends in the background, unseen.
+                worker.wait(PATIENCE)
+                break
+            now, progress = time.perf_counter(), worker.progress
+            if progress is not None and (
+                said is None or progress.message != said.message or now - said_at >= SAY_INTERVAL
+            ):
+                self._say(progress)
+                said, said_at = progress, now
+            pixels = worker.take_pixels()
+            if pixels is not None:
+                shown = now
+                picture.show(pixels)
+            elif show_progress and (shown == start or now - shown > refresh_interval(now - start)):
+                worker.picture_wanted = True
+
+    def _say(self, progress: lobe.Progress) -> None:
+        current, peak = current_and_peak_mb()
+        self.engine.update_memory_stats(memory_used=current, memory_peak=peak)
+        self.engine.update_progress(min(max(progress.fraction, 0.0), 1.0))
+        parts = [progress.message[:1].upper() + progress.message[1:]]
+        if progress.samples:
+            parts = [self.layer, f"Sample {progress.samples:.0f}/{progress.total:.0f}"]
+        if progress.remaining is not None:
+            parts.insert(0, f"Remaining: {_clock(progress.remaining)}")
+        self.engine.update_stats("", " | ".join(parts))
+
+
+class _Worker:
+    """The engine's render on a thread of its own."""
+
+    def __init__(self, scene: lobe.Scene, settings: lobe.Settings):
+        self.progress: lobe.Progress | None = None
+        self.picture_wanted = False
+        self._pixels: np.ndarray | None = None
+        self._result: lobe.Result | None = None
+        self._error: BaseException | None = None
+        self._stop = threading.Event()
+        # A daemon: Blender may be closed while a cancelled compilation still runs.
+        self._thread = threading.Thread(target=self._run, args=(scene, settings), name="Lobe render", daemon=True)
+        self._thread.start()
+
+    def _run(self, scene: lobe.Scene, settings: lobe.Settings) -> None:
+        try:
+            self._result = lobe.render(scene, settings, progress=self._on_progress, stop=self._stop.is_set)
+        except BaseException as error:  # raised again by outcome(), on the thread that can tell the user
+            self._error = error
+
+    def _on_progress(self, progress: lobe.Progress) -> None:
+        self.progress = progress
+        if self.picture_wanted:
+            self._pixels = progress.pixels()
+            self.picture_wanted = self._pixels is None
+
+    def take_pixels(self) -> np.ndarray | None:
+        """The newest picture that was wanted, once."""
+        pixels, self._pixels = self._pixels, None
+        return pixels
+
+    def wait(self, seconds: float) -> bool:
+        """True once the worker has ended."""
+        self._thread.join(seconds)
+        return not self._thread.is_alive()
+
+    def stop(self) -> None:
+        self._stop.set()
+
+    def outcome(self) -> lobe.Result | None:
+        """The result; None when the render was cancelled before it had any. Raises what the worker raised."""
+        if self._thread.is_alive():
+            return None
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+
+class _Picture:
+    """The layer's place in Blender's render result."""
+
+    def __init__(self, engine: bpy.types.RenderEngine, scene: lobe.Scene, layer: str):
+        x0, y0, x1, y1 = scene.render_region
+        self.engine = engine
+        self.result = engine.begin_result(0, 0, x1 - x0, y1 - y0, layer=layer)
+        # Blender clamps the rectangle to what it renders itself.
+        self.shape = (self.result.resolution_y, self.result.resolution_x)
+
+    def show(self, pixels: np.ndarray) -> None:
+        if pixels.shape[:2] != self.shape:
+            raise RuntimeError(f"the picture is {pixels.shape[:2]} pixels high and wide, Blender expects {self.shape}")
+        flat = np.ascontiguousarray(pixels, dtype=np.float32).reshape(-1)
+        for render_pass in self.result.layers[0].passes:
+            if render_pass.name == "Combined":  # one for each view
+                render_pass.rect.foreach_set(flat)
+        self.engine.update_result(self.result)
+
+    def close(self, discard: bool) -> None:
+        self.engine.end_result(self.result, cancel=discard)
+
+
+def _stamp(engine: bpy.types.RenderEngine, report: dict) -> None:
+    """Metadata for the files that Blender writes."""
+    result = engine.get_result()
+    seconds = report["seconds"]
+    for key, value in (
+        ("samples", f"{report['samples']:g}"),
+        ("rays", str(report["rays"])),
+        ("render_time", _clock(seconds["render"])),
+        ("export_time", _clock(seconds["export"])),
+        ("road", report["road"].lower()),
+    ):
+        result.stamp_data_add_field(f"lobe.{key}", value)
+
+
+def _clock(seconds: float) -> str:
+    minutes, seconds = divmod(max(seconds, 0.0), 60.0)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours}:{minutes:02}:{seconds:05.2f}" if hours else f"{minutes:02}:{seconds:05.2f}"

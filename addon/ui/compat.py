@@ -1,0 +1,59 @@
+"""Blender's own panels that work with Lobe: those made for any engine, and a few that name EEVEE or Cycles alone."""
+
+from __future__ import annotations
+
+import bpy
+
+ENGINE = "LOBE"
+
+# Made for any engine (BLENDER_RENDER), but they show what Lobe doesn't do, or what a panel of ours shows better.
+_EXCLUDE = {
+    "DATA_PT_falloff_curve",
+    "DATA_PT_light",
+    "DATA_PT_preview",
+    "DATA_PT_spot",
+    "DATA_PT_volume_render",
+    "NODE_DATA_PT_light",
+    "NODE_DATA_PT_spot",
+    "RENDER_PT_simplify",
+}
+_EXCLUDE_WORD = "freestyle"
+
+# Made for EEVEE alone, and right for Lobe too.
+_INCLUDE = {
+    "DATA_PT_camera_dof",
+    "DATA_PT_camera_dof_aperture",
+    "EEVEE_MATERIAL_PT_context_material",
+    "EEVEE_MATERIAL_PT_surface",
+    "EEVEE_WORLD_PT_surface",
+    "MATERIAL_PT_preview",
+}
+
+_opted_in: list[type] = []
+
+
+def _all_panels(cls: type = bpy.types.Panel):
+    for sub in cls.__subclasses__():
+        yield sub
+        yield from _all_panels(sub)
+
+
+def _wanted(panel: type) -> bool:
+    engines = getattr(panel, "COMPAT_ENGINES", None)
+    if engines is None or ENGINE in engines or panel.__name__ in _EXCLUDE:
+        return False
+    if _EXCLUDE_WORD in panel.__name__:
+        return False
+    return panel.__name__ in _INCLUDE or "BLENDER_RENDER" in engines
+
+
+def register() -> None:
+    for panel in _all_panels():
+        if _wanted(panel):
+            panel.COMPAT_ENGINES.add(ENGINE)
+            _opted_in.append(panel)
+
+
+def unregister() -> None:
+    while _opted_in:
+        _opted_in.pop().COMPAT_ENGINES.discard(ENGINE)

@@ -1,0 +1,145 @@
+"""The panels of the Render properties: Sampling, Light Paths, Film and Performance, in Blender's own layout."""
+
+from __future__ import annotations
+
+import bpy
+
+from .panel import LobePanel
+
+
+class _Panel(LobePanel):
+    bl_context = "render"
+
+
+class LOBE_RENDER_PT_sampling(_Panel, bpy.types.Panel):
+    bl_label = "Sampling"
+
+    def draw(self, context):
+        lobe = context.scene.lobe
+        column = self.column()
+        heading = column.column(align=True, heading="Noise Threshold")
+        row = heading.row(align=True)
+        row.prop(lobe, "use_adaptive_sampling", text="")
+        sub = row.row()
+        sub.active = lobe.use_adaptive_sampling
+        sub.prop(lobe, "adaptive_threshold", text="")
+        column = column.column(align=True)
+        column.prop(lobe, "samples", text="Max Samples" if lobe.use_adaptive_sampling else "Samples")
+        column.prop(lobe, "time_limit")
+
+
+class LOBE_RENDER_PT_sampling_advanced(_Panel, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "LOBE_RENDER_PT_sampling"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        lobe = context.scene.lobe
+        column = self.column()
+        column.prop(lobe, "seed")
+        column.prop(lobe, "hemisphere_sampling")
+        column.prop(lobe, "lobe_selection")
+
+
+class LOBE_RENDER_PT_light_paths(_Panel, bpy.types.Panel):
+    bl_label = "Light Paths"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        pass
+
+
+class LOBE_RENDER_PT_light_paths_max_bounces(_Panel, bpy.types.Panel):
+    bl_label = "Max Bounces"
+    bl_parent_id = "LOBE_RENDER_PT_light_paths"
+
+    def draw(self, context):
+        lobe = context.scene.lobe
+        column = self.column(align=True)
+        column.prop(lobe, "max_bounces")
+        column.separator()
+        column.prop(lobe, "diffuse_bounces")
+        column.prop(lobe, "glossy_bounces")
+
+
+class LOBE_RENDER_PT_light_paths_clamping(_Panel, bpy.types.Panel):
+    bl_label = "Clamping"
+    bl_parent_id = "LOBE_RENDER_PT_light_paths"
+
+    def draw(self, context):
+        lobe = context.scene.lobe
+        column = self.column(align=True)
+        column.prop(lobe, "clamp_direct")
+        column.prop(lobe, "clamp_indirect")
+
+
+class LOBE_RENDER_PT_film(_Panel, bpy.types.Panel):
+    bl_label = "Film"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        scene = context.scene
+        column = self.column()
+        # Blender itself has no film exposure: Lobe honours the one that Cycles brings, where it is enabled.
+        if hasattr(scene, "cycles"):
+            column.prop(scene.cycles, "film_exposure")
+        column.prop(scene.render, "film_transparent", text="Transparent")
+
+
+class LOBE_RENDER_PT_film_pixel_filter(_Panel, bpy.types.Panel):
+    bl_label = "Pixel Filter"
+    bl_parent_id = "LOBE_RENDER_PT_film"
+
+    def draw(self, context):
+        lobe = context.scene.lobe
+        column = self.column()
+        column.prop(lobe, "pixel_filter", text="Type")
+        if lobe.pixel_filter != "BOX":
+            column.prop(lobe, "filter_width")
+
+
+class LOBE_RENDER_PT_simplify(_Panel, bpy.types.Panel):
+    """Blender's own, which would stand above Sampling."""
+
+    bl_label = "Simplify"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context):
+        self.layout.prop(context.scene.render, "use_simplify", text="")
+
+    def draw(self, context):
+        render = context.scene.render
+        column = self.column()
+        column.active = render.use_simplify
+        for heading, suffix in (("Viewport", ""), ("Render", "_render")):
+            sub = column.column(align=True)
+            sub.prop(render, f"simplify_subdivision{suffix}", text=f"{heading} Subdivision")
+            sub.prop(render, f"simplify_child_particles{suffix}", text="Child Particles")
+        column.prop(render, "use_simplify_normals", text="Normals")
+
+
+class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
+    bl_label = "Performance"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        render = context.scene.render
+        column = self.column()
+        column.prop(context.scene.lobe, "road")
+        column.prop(render, "threads_mode")
+        sub = column.column()
+        sub.enabled = render.threads_mode == "FIXED"
+        sub.prop(render, "threads")
+
+
+CLASSES = (
+    LOBE_RENDER_PT_sampling,
+    LOBE_RENDER_PT_sampling_advanced,
+    LOBE_RENDER_PT_light_paths,
+    LOBE_RENDER_PT_light_paths_max_bounces,
+    LOBE_RENDER_PT_light_paths_clamping,
+    LOBE_RENDER_PT_simplify,
+    LOBE_RENDER_PT_film,
+    LOBE_RENDER_PT_film_pixel_filter,
+    LOBE_RENDER_PT_performance,
+)

@@ -1,0 +1,88 @@
+"""What the benchmarks share: the sample scenes, starting Lobe inside Blender, several renders of an open file, tables.
+
+Timings on a shared machine wander by tens of per cent from minute to minute. So two engines are always timed in turn,
+pair by pair, and what is reported is the median of the pairs' ratios with the smallest and the largest, never one
+engine's own time as a claim.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+import numpy as np  # noqa: E402
+
+from tools import blender_render as br  # noqa: E402
+from tools.lobe_blender import enable_lobe  # noqa: E402
+
+SAMPLES = ROOT / "sample_blends"
+RESULTS = ROOT / "benchmarks" / "results"
+SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
+
+__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "br", "enable_lobe", "engine_label", "prepare", "render",
+           "scene_path", "update_table"]  # fmt: skip
+
+
+def scene_path(name: str) -> Path:
+    """A sample scene by name, or any .blend by path."""
+    return SAMPLES / f"{name}.blend" if name in SCENES else Path(name)
+
+
+def prepare(path: Path, resolution: tuple[int, int] | None, threads: int):
+    """Open the file for a comparison: box filter, a fixed number of threads. Gives back the scene."""
+    scene = br.open_blend(path)
+    if resolution is not None:
+        br.set_resolution(scene, *resolution)
+    br.set_threads(scene, threads)
+    scene.lobe.pixel_filter = "BOX"
+    scene.render.use_persistent_data = False
+    return scene
+
+
+def render(scene, engine: str, samples: int, seed: int) -> tuple[np.ndarray, dict]:
+    """One picture (h, w, 3), scene-linear, and its report. engine: LOBE, CYCLES, or REFERENCE (Lobe's other road)."""
+    scene.lobe.samples, scene.lobe.seed = samples, seed
+    scene.lobe.road = "REFERENCE" if engine == "REFERENCE" else "COMPILED"
+    br.set_engine(scene, "CYCLES" if engine == "CYCLES" else "LOBE")
+    report = br.render(scene)
+    return br.picture(scene, report)[..., :3], report
+
+
+def engine_label(engine: str) -> str:
+    return {"LOBE": "Lobe", "CYCLES": "Cycles", "REFERENCE": "the reference road"}[engine]
+
+
+def update_table(name: str, keys: Iterable[str], rows: list[dict]) -> str:
+    """Put `rows` into results/`name`.csv, in place of rows with equal `keys`, and write the same table as Markdown.
+
+    Gives back the Markdown of the new rows.
+    """
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    path = RESULTS / f"{name}.csv"
+    keys, fields = list(keys), list(rows[0])
+    rows = [{k: str(v) for k, v in row.items()} for row in rows]
+    old: list[dict] = []
+    if path.is_file():
+        with path.open(newline="") as file:
+            old = [row for row in csv.DictReader(file) if set(row) == set(fields)]
+    fresh = {tuple(row[k] for k in keys) for row in rows}
+    together = [row for row in old if tuple(row[k] for k in keys) not in fresh] + rows
+    together.sort(key=lambda row: tuple(row[k] for k in keys))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fields, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(together)
+    path.with_suffix(".md").write_text(markdown(together))
+    return markdown(rows)
+
+
+def markdown(rows: list[dict]) -> str:
+    fields = list(rows[0])
+    lines = [fields, ["---"] * len(fields)] + [[str(row[f]) for f in fields] for row in rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)

@@ -1,0 +1,133 @@
+"""How long Lobe makes one wait: enabling the add-on, the first-ever compilation, the first pixels of a warm render.
+
+    python benchmarks/startup.py --runs 5
+
+Each figure is taken in fresh Python processes. "enable" is what the add-on adds to Blender's own start: the time in
+`addon_utils.enable`, with Blender and numpy loaded already. "first pixels" runs from the call of the render operator
+in a process that has not rendered before to the first picture that the engine hands over, of a cube and a lamp at
+256 x 256, with the kernels in the disk cache. "compilation" is the same render with an empty cache: the engine's own
+count, and what the whole render took longer. Results go to benchmarks/results/startup.csv and .md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import common
+import numpy as np
+
+from tools.render import whole_number
+
+RENDER = "--child-render"
+ENABLE = "--child-enable"
+
+
+def child_enable() -> dict:
+    """Seconds to import and register the installed extension."""
+    from tools import lobe_blender
+
+    os.environ["BLENDER_USER_RESOURCES"] = str(lobe_blender.install())
+    import addon_utils
+    import bpy  # noqa: F401
+
+    start = time.perf_counter()
+    lobe_blender.enable_lobe()
+    seconds = time.perf_counter() - start
+    assert addon_utils.check(lobe_blender.MODULE)[1]
+    loaded = [name for name in ("numba", "llvmlite", "embreex", "scipy") if name in sys.modules]
+    return {"enable": seconds, "loaded": loaded}
+
+
+def child_render() -> dict:
+    """Seconds to the first pixels, to the end, and in compilation."""
+    common.enable_lobe()
+    import bpy
+    from bl_ext.user_default.lobe import engine
+    from bl_ext.user_default.lobe.addon import session
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True)  # the cube
+    scene = bpy.context.scene
+    common.br.set_engine(scene, "LOBE")
+    common.br.set_resolution(scene, 256, 256)
+    scene.lobe.samples = 64
+    first: list[float] = []
+    messages: list[str] = []
+    real_render = engine.render
+
+    def watched(described, settings, *, progress=None, stop=None):
+        def listen(state):
+            if state.message not in messages:
+                messages.append(state.message)
+            if not first and state.pixels() is not None:
+                first.append(time.perf_counter() - start)
+            if progress is not None:
+                progress(state)
+
+        return real_render(described, settings, progress=listen, stop=stop)
+
+    session.lobe.render = watched
+    start = time.perf_counter()
+    report = common.br.render(scene)
+    total = time.perf_counter() - start
+    return {"first": first[0] if first else total, "total": total, "compile": report["seconds"]["compile"],
+            "messages": messages}  # fmt: skip
+
+
+def run_child(kind: str, **environment: str) -> dict:
+    done = subprocess.run([sys.executable, __file__, kind], capture_output=True, text=True,
+                          env={**os.environ, **environment})  # fmt: skip
+    if done.returncode:
+        sys.exit(f"startup.py: a run failed:\n{done.stderr[-2000:]}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--runs", type=whole_number(1, 100), default=5)
+    parser.add_argument("--cold-runs", type=whole_number(0, 100), default=1, help="renders with an empty cache")
+    options = parser.parse_args()
+
+    enable = [run_child(ENABLE) for _ in range(options.runs)]
+    warm = [run_child(RENDER) for _ in range(options.runs + 1)][1:]
+    rows = [
+        line("add-on enabled", [r["enable"] for r in enable], "0.3"),
+        line("first pixels, warm", [r["first"] for r in warm], "0.5"),
+        line("compilation, warm", [r["compile"] for r in warm], "0"),
+    ]
+    cold = []
+    for _ in range(options.cold_runs):
+        with tempfile.TemporaryDirectory() as cache:
+            cold.append(run_child(RENDER, LOBE_CACHE_DIR=cache))
+    if cold:
+        rows.append(line("compilation, first ever", [r["compile"] for r in cold], "15"))
+        rows.append(line("first pixels, first ever", [r["first"] for r in cold], ""))
+        print("what the first render said:", " / ".join(cold[0]["messages"]))
+    if enable[0]["loaded"]:
+        print("loaded by enabling the add-on, though only a render needs them:", ", ".join(enable[0]["loaded"]))
+    print(common.update_table("startup", ("what",), rows))
+    return 0
+
+
+def line(what: str, seconds: list[float], at_most: str) -> dict:
+    return {
+        "what": what,
+        "median, s": f"{np.median(seconds):.3f}",
+        "range, s": f"{min(seconds):.3f} to {max(seconds):.3f}",
+        "runs": len(seconds),
+        "wanted: at most, s": at_most,
+    }
+
+
+if __name__ == "__main__":
+    children = {ENABLE: child_enable, RENDER: child_render}
+    if sys.argv[1:] and sys.argv[1] in children:
+        with common.br.quiet_stdout() as say:
+            say(json.dumps(children[sys.argv[1]]()))
+        sys.exit(0)
+    sys.exit(main())

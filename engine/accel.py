@@ -1,0 +1,191 @@
+"""Embree scenes over packed arrays: the host side of ray tracing.
+
+Buffers are shared with Embree, never copied, so `Accel` keeps every array that Embree points into alive. The
+kernels only get the address of the top scene.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import LobeError
+from .kernels.embree import library
+
+_P, _U, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
+
+# Numbers of Embree 4's headers, rtcore_geometry.h, rtcore_buffer.h and rtcore_common.h.
+_TRIANGLE, _SPHERE_POINT, _INSTANCE_ARRAY = 0, 50, 122
+_INDEX, _VERTEX, _TRANSFORM = 0, 1, 23
+_UINT3, _FLOAT3, _FLOAT4, _FLOAT3X4_ROW_MAJOR = 0x5003, 0x9003, 0x9004, 0x9134
+_BUILD_QUALITY_MEDIUM = 1
+_SCENE_FLAG_ROBUST = 4
+
+_SIGNATURES = {
+    "rtcNewDevice": (_P, [ctypes.c_char_p]),
+    "rtcReleaseDevice": (None, [_P]),
+    "rtcGetDeviceError": (ctypes.c_int, [_P]),
+    "rtcSetDeviceMemoryMonitorFunction": (None, [_P, _P, _P]),
+    "rtcNewScene": (_P, [_P]),
+    "rtcReleaseScene": (None, [_P]),
+    "rtcCommitScene": (None, [_P]),
+    "rtcSetSceneFlags": (None, [_P, ctypes.c_int]),
+    "rtcSetSceneBuildQuality": (None, [_P, ctypes.c_int]),
+    "rtcSetSceneProgressMonitorFunction": (None, [_P, _P, _P]),
+    "rtcAttachGeometry": (_U, [_P, _P]),
+    "rtcNewGeometry": (_P, [_P, ctypes.c_int]),
+    "rtcReleaseGeometry": (None, [_P]),
+    "rtcCommitGeometry": (None, [_P]),
+    "rtcSetGeometryMask": (None, [_P, _U]),
+    "rtcSetGeometryInstancedScene": (None, [_P, _P]),
+    "rtcSetSharedGeometryBuffer": (None, [_P, ctypes.c_int, _U, ctypes.c_int, _P, _Z, _Z, _Z]),
+}
+for _name, (_result, _arguments) in _SIGNATURES.items():
+    _function = getattr(library, _name)
+    _function.restype, _function.argtypes = _result, _arguments
+
+_PROGRESS_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_bool, _P, ctypes.c_double)
+_device: int | None = None
+
+
+class BuildStopped(Exception):
+    """The caller's `stop` said so while Embree was building."""
+
+
+def device() -> int:
+    """The one Embree device of this process."""
+    global _device
+    if _device is None:
+        _device = library.rtcNewDevice(None)
+        if not _device:
+            raise LobeError("Embree could not start on this processor")
+    return _device
+
+
+def _check(what: str) -> None:
+    code = library.rtcGetDeviceError(device())
+    if code == 4:
+        raise LobeError(f"not enough memory to {what}")
+    if code == 6:
+        raise BuildStopped
+    if code:
+        raise LobeError(f"Embree failed to {what} (error {code})")
+
+
+@dataclass(frozen=True)
+class TriangleGeometry:
+    """Triangles first..first+count of the shared index buffer, which index the shared vertex buffer."""
+
+    first: int
+    count: int
+    mask: int
+
+
+@dataclass(frozen=True)
+class SphereGeometry:
+    """centers_radii (S, 4) float32."""
+
+    centers_radii: np.ndarray
+    mask: int
+
+
+@dataclass(frozen=True)
+class InstanceGeometry:
+    """One mesh placed many times. transforms (I, 3, 4) float32, object to world."""
+
+    mesh: TriangleGeometry
+    transforms: np.ndarray
+    mask: int
+
+
+class Accel:
+    """An Embree scene with these geometries, whose ids are their places in the list.
+
+    vertices   (V, 3) float32, with room for 16 bytes past the end
+    triangles  (T, 3) uint32
+    """
+
+    def __init__(self, vertices: np.ndarray, triangles: np.ndarray, geometries: list, stop=None, robust=False):
+        self._vertices, self._triangles, self._robust = vertices, triangles, robust
+        self._keep: list = []
+        self._scenes: list[int] = []
+        self._stop = stop
+        try:
+            self.address = self._new_scene()
+            for geometry in geometries:
+                self._attach(self.address, self._make(geometry), geometry.mask)
+            self._commit(self.address)
+        except BaseException:
+            self.release()
+            raise
+
+    def _new_scene(self) -> int:
+        scene = library.rtcNewScene(device())
+        self._scenes.append(scene)
+        library.rtcSetSceneFlags(scene, _SCENE_FLAG_ROBUST if self._robust else 0)
+        library.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_MEDIUM)
+        return scene
+
+    def _attach(self, scene: int, geometry: int, mask: int) -> None:
+        library.rtcSetGeometryMask(geometry, mask)
+        library.rtcCommitGeometry(geometry)
+        library.rtcAttachGeometry(scene, geometry)
+        library.rtcReleaseGeometry(geometry)
+        _check("set up a geometry")
+
+    def _commit(self, scene: int) -> None:
+        if self._stop is not None:
+            monitor = _PROGRESS_FUNCTION(lambda _pointer, _fraction: not self._stop())
+            self._keep.append(monitor)
+            library.rtcSetSceneProgressMonitorFunction(scene, monitor, None)
+        library.rtcCommitScene(scene)
+        _check("build the ray tracing structure")
+
+    def _make(self, geometry) -> int:
+        match geometry:
+            case TriangleGeometry():
+                return self._triangle_geometry(geometry)
+            case SphereGeometry():
+                return self._sphere_geometry(geometry)
+            case InstanceGeometry():
+                return self._instance_geometry(geometry)
+        raise TypeError(f"unknown geometry {geometry!r}")
+
+    def _share(self, geometry: int, buffer: int, layout: int, array: np.ndarray, stride: int, first: int, count: int):
+        library.rtcSetSharedGeometryBuffer(
+            geometry, buffer, 0, layout, array.ctypes.data, first * stride, stride, count
+        )
+
+    def _triangle_geometry(self, g: TriangleGeometry) -> int:
+        geometry = library.rtcNewGeometry(device(), _TRIANGLE)
+        self._share(geometry, _VERTEX, _FLOAT3, self._vertices, 12, 0, len(self._vertices))
+        self._share(geometry, _INDEX, _UINT3, self._triangles, 12, g.first, g.count)
+        return geometry
+
+    def _sphere_geometry(self, g: SphereGeometry) -> int:
+        self._keep.append(g.centers_radii)
+        geometry = library.rtcNewGeometry(device(), _SPHERE_POINT)
+        self._share(geometry, _VERTEX, _FLOAT4, g.centers_radii, 16, 0, len(g.centers_radii))
+        return geometry
+
+    def _instance_geometry(self, g: InstanceGeometry) -> int:
+        scene = self._new_scene()
+        self._attach(scene, self._triangle_geometry(g.mesh), 0xFFFFFFFF)
+        self._commit(scene)
+        self._keep.append(g.transforms)
+        geometry = library.rtcNewGeometry(device(), _INSTANCE_ARRAY)
+        library.rtcSetGeometryInstancedScene(geometry, scene)
+        self._share(geometry, _TRANSFORM, _FLOAT3X4_ROW_MAJOR, g.transforms, 48, 0, len(g.transforms))
+        return geometry
+
+    def release(self) -> None:
+        """Give the memory back. The address is invalid from then on."""
+        for scene in self._scenes:
+            library.rtcReleaseScene(scene)
+        self._scenes.clear()
+        self._keep.clear()
+
+    def __del__(self):
+        self.release()

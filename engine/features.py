@@ -1,0 +1,65 @@
+"""What a scene needs of the kernels. Decided once, in `engine/pack`, and followed everywhere after.
+
+Every field is a plain int: the kernel factory closes over them, so Numba and LLVM fold them away as constants, and
+code for what a scene doesn't have is not compiled, its data not stored, its rays not traced.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+# Kinds of lamps, as bits in `Features.lamp_kinds` and as values in the lamp table.
+POINT, SPHERE, DISK, RECTANGLE, ELLIPSE = 1, 2, 4, 8, 16
+SPOT = 32  # a bit on top of POINT, SPHERE or DISK
+
+# How one of several emitters is chosen.
+NO_EMITTER, ONE_EMITTER, EMITTER_TREE = 0, 1, 2
+
+# The world's light.
+DARK_WORLD, CONSTANT_WORLD, IMAGE_WORLD = 0, 1, 2
+
+
+class Features(NamedTuple):
+    """Each 0 or 1 unless it says otherwise."""
+
+    phong: int = 0  # some surface has a Phong lobe
+    smooth: int = 0  # some mesh has shading normals
+    instances: int = 0  # some mesh is an Embree instance
+    transparency: int = 0  # some surface lets light through
+    mesh_emitters: int = 0  # some surface emits
+    rectangle_emitters: int = 0  # some emissive triangles come in pairs that are rectangles
+    lamp_kinds: int = 0  # bits, see above
+    lamp_shapes: int = 0  # some lamp has a size that rays can meet
+    unshadowed: int = 0  # some lamp casts no shadow
+    ray_kinds: int = 0  # diffuse and glossy rays differ in what they see or how far they go
+    shared_light: int = 1  # both ways to find light, light sampling and BSDF sampling, see the same objects
+    emitter_choice: int = 0  # NO_EMITTER, ONE_EMITTER, EMITTER_TREE: of lamps and emissive triangles
+    suns: int = 0
+    sun_disks: int = 0  # some sun has an angle, so that rays can meet it
+    world: int = 0  # DARK_WORLD, CONSTANT_WORLD, IMAGE_WORLD
+    orthographic: int = 0
+    lens: int = 0
+    transparent_film: int = 0
+    hemisphere: int = 0  # 0 cosine, 1 uniform, 2 rejection
+    lobe_selection: int = 0  # 0 albedo-weighted, 1 classic
+    clamp: int = 0  # some clamp is on
+
+    def skipped(self) -> list[str]:
+        """What the kernel for this scene leaves out, as the render report lists it."""
+        return [text for name, text in _LEFT_OUT.items() if not getattr(self, name)]
+
+
+_LEFT_OUT = {
+    "phong": "Phong lobe: no surface has one",
+    "smooth": "shading normals: every face is flat",
+    "instances": "instance transforms: no mesh is shared",
+    "transparency": "transparent shadows: every surface is opaque",
+    "mesh_emitters": "emissive surfaces: none",
+    "lamp_kinds": "lamps: none",
+    "ray_kinds": "kinds of rays: diffuse and glossy ones see the same and go as far",
+    "suns": "suns: none",
+    "world": "world light: the world is black",
+    "lens": "depth of field: the lens is a pinhole",
+    "transparent_film": "film alpha: the film is opaque",
+    "clamp": "clamping: off",
+}

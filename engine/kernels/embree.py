@@ -1,0 +1,116 @@
+"""Embree as seen from kernels: the library, its entry points, and the ray that kernels hand over.
+
+The library is the one that the `embreex` wheel carries. Building scenes is `engine/accel.py`'s business; here are
+only the two calls that a path makes, and the layout of the 96 bytes that they read and write.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from pathlib import Path
+
+import embreex.rtcore_scene
+import llvmlite.binding as llvm
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from .jit import device
+
+
+def load_library() -> ctypes.CDLL:
+    """The Embree 4 library, through the extension module that links it (on Windows the DLL beside it)."""
+    if sys.platform == "win32":
+        folder = Path(embreex.rtcore_scene.__file__).parents[1] / "embreex.libs"
+        return ctypes.CDLL(str(next(folder.glob("embree4*.dll"))))
+    return ctypes.CDLL(embreex.rtcore_scene.__file__)
+
+
+library = load_library()
+for _name in ("rtcIntersect1", "rtcOccluded1"):
+    llvm.add_symbol(_name, ctypes.cast(getattr(library, _name), ctypes.c_void_p).value)
+
+_rtcIntersect1 = types.ExternalFunction("rtcIntersect1", types.void(types.voidptr, types.voidptr, types.voidptr))
+_rtcOccluded1 = types.ExternalFunction("rtcOccluded1", types.void(types.voidptr, types.voidptr, types.voidptr))
+
+# RTCRayHit as float32 words; from MASK on they are read and written as uint32, but for the normal and u, v.
+ORG, TNEAR, DIR, TIME, TFAR, MASK, FLAGS = 0, 3, 4, 7, 8, 9, 11
+NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID = 12, 15, 16, 17, 18, 19, 20
+RAY_WORDS = 24
+INVALID = np.uint32(0xFFFFFFFF)
+
+
+def new_ray() -> np.ndarray:
+    """Scratch for one thread's rays: (24,) float32, aligned to 16 bytes as Embree demands."""
+    raw = np.zeros(RAY_WORDS + 4, np.float32)
+    start = (-raw.ctypes.data) % 16 // 4
+    return raw[start : start + RAY_WORDS]
+
+
+@intrinsic
+def _pointer(typing_context, address):
+    """An integer address as the pointer type that external functions take."""
+
+    def codegen(context, builder, signature, args):
+        return builder.inttoptr(args[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.uintp), codegen
+
+
+@intrinsic
+def bits_of(typing_context, value):
+    """The bits of a float32 as an int32."""
+
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], context.get_value_type(types.int32))
+
+    return types.int32(types.float32), codegen
+
+
+@intrinsic
+def float_of(typing_context, value):
+    """The float32 that has these int32 bits."""
+
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], context.get_value_type(types.float32))
+
+    return types.float32(types.int32), codegen
+
+
+@device
+def _set_ray(ray, words, origin, direction, t_near, t_far, mask):
+    ray[0] = origin[0]
+    ray[1] = origin[1]
+    ray[2] = origin[2]
+    ray[3] = t_near
+    ray[4] = direction[0]
+    ray[5] = direction[1]
+    ray[6] = direction[2]
+    ray[7] = np.float32(0)
+    ray[8] = t_far
+    words[9] = mask
+    words[10] = np.uint32(0)
+    words[11] = np.uint32(0)
+
+
+@device
+def intersect(scene, ray, words, origin, direction, t_near, t_far, mask):
+    """Find the closest hit; True if there is one. The hit is then in `ray` and `words` (its uint32 view).
+
+    scene  address of the Embree scene;  mask  uint32, compared with the masks of geometries
+    """
+    _set_ray(ray, words, origin, direction, t_near, t_far, mask)
+    words[GEOM_ID] = INVALID
+    words[INST_ID] = INVALID
+    _rtcIntersect1(_pointer(scene), _pointer(np.uintp(ray.ctypes.data)), _pointer(np.uintp(0)))
+    return words[GEOM_ID] != INVALID
+
+
+@device
+def occluded(scene, ray, words, origin, direction, t_near, t_far, mask):
+    """True if anything lies on the segment from t_near to t_far."""
+    _set_ray(ray, words, origin, direction, t_near, t_far, mask)
+    _rtcOccluded1(_pointer(scene), _pointer(np.uintp(ray.ctypes.data)), _pointer(np.uintp(0)))
+    return ray[TFAR] < np.float32(0)

@@ -1,0 +1,124 @@
+"""Arithmetic on 3-tuples of float32, which is what vectors and colours are inside kernels.
+
+Results stay float32 as long as the arguments are: no literal here is a Python float.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import device
+
+ZERO = np.float32(0)
+ONE = np.float32(1)
+TWO = np.float32(2)
+THIRD = np.float32(1 / 3)
+TINY = np.float32(1e-37)  # a little above the smallest normal float32
+BLACK = (ZERO, ZERO, ZERO)
+
+
+@device
+def add(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@device
+def sub(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@device
+def mul(a, b):
+    """Product of each component, for colours."""
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@device
+def scale(a, s):
+    return a[0] * s, a[1] * s, a[2] * s
+
+
+@device
+def add_scaled(a, b, s):
+    """a + b s, for example the point at distance s along a ray."""
+    return a[0] + b[0] * s, a[1] + b[1] * s, a[2] + b[2] * s
+
+
+@device
+def negate(a):
+    return -a[0], -a[1], -a[2]
+
+
+@device
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@device
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@device
+def length_squared(a):
+    return dot(a, a)
+
+
+@device
+def length(a):
+    return math.sqrt(dot(a, a))
+
+
+@device
+def normalize(a):
+    """Unit vector along a; zero (not NaN) for a vector whose squared length is below the smallest normal float."""
+    squared = dot(a, a)
+    return scale(a, ONE / math.sqrt(squared) if squared > TINY else ZERO)
+
+
+@device
+def direction_and_length(a):
+    """(unit vector along a, length of a), with one square root; both zero for a vector too short to have one."""
+    squared = dot(a, a)
+    distance = math.sqrt(squared)
+    return scale(a, ONE / distance if squared > TINY else ZERO), distance
+
+
+@device
+def reflect(w, n):
+    """Mirror direction of w about n, both leaving the surface."""
+    d = dot(w, n)
+    s = d + d
+    return n[0] * s - w[0], n[1] * s - w[1], n[2] * s - w[2]
+
+
+@device
+def flip_towards(n, w):
+    """n or -n, whichever is on w's side."""
+    return n if dot(n, w) >= ZERO else negate(n)
+
+
+@device
+def average(color):
+    return (color[0] + color[1] + color[2]) * THIRD
+
+
+@device
+def max_component(color):
+    return max(color[0], max(color[1], color[2]))
+
+
+@device
+def is_black(color):
+    return color[0] == ZERO and color[1] == ZERO and color[2] == ZERO
+
+
+_R, _G, _B = np.float32(0.2126), np.float32(0.7152), np.float32(0.0722)
+
+
+@device
+def luminance(color):
+    """Rec. 709 luminance of linear RGB."""
+    return color[0] * _R + color[1] * _G + color[2] * _B

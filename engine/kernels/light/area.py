@@ -1,0 +1,110 @@
+"""Area lamps: rectangles and ellipses that shine from one side, with an optional spread.
+
+A spread below 180 degrees dims with the angle off the axis like a soft box with a grid; far off the axis only the
+part of the lamp below the shading point is seen, so rectangles are sampled only where they can be seen.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..geom.vec import BLACK, TINY, ZERO, add_scaled, direction_and_length, dot, scale, sub
+from ..jit import device
+from ..sampler.warp import concentric_disk
+from ..tables import AXIS, AXIS_X, AXIS_Y, POSITION, RADIANCE, SIZE, SPREAD_NORM, TAN_SPREAD
+from .spherical import rectangle_pdf, sample_rectangle
+
+PI = np.float32(math.pi)
+TWO = np.float32(2)
+HALF = np.float32(0.5)
+
+
+@device
+def _vector(lamps, i, word):
+    return lamps[i, word], lamps[i, word + 1], lamps[i, word + 2]
+
+
+@device
+def _lamp_radiance(lamps, i, wi):
+    """Radiance towards the point that sees the lamp along wi, spread included; black from behind."""
+    cosine = -dot(wi, _vector(lamps, i, AXIS))
+    if cosine <= ZERO:
+        return BLACK
+    radiance = _vector(lamps, i, RADIANCE)
+    tan_spread = lamps[i, TAN_SPREAD]
+    if tan_spread > ZERO:
+        sine = math.sqrt(max(np.float32(1) - cosine * cosine, ZERO))
+        factor = max(tan_spread - sine / max(cosine, TINY), ZERO) * lamps[i, SPREAD_NORM]
+        radiance = scale(radiance, factor)
+    return radiance
+
+
+@device
+def _visible_part(lamps, i, p):
+    """The part of the rectangle within the cone of the spread, as (corner, edge x, edge y, height): the height of p
+    above the lamp's plane; 0 or less means nothing is seen."""
+    center = _vector(lamps, i, POSITION)
+    axis_x, axis_y = _vector(lamps, i, AXIS_X), _vector(lamps, i, AXIS_Y)
+    half_x, half_y = lamps[i, SIZE], lamps[i, SIZE + 1]
+    to_p = sub(p, center)
+    height = dot(to_p, _vector(lamps, i, AXIS))
+    low_x, high_x, low_y, high_y = -half_x, half_x, -half_y, half_y
+    if lamps[i, TAN_SPREAD] > ZERO:
+        reach = height * lamps[i, TAN_SPREAD]
+        x, y = dot(to_p, axis_x), dot(to_p, axis_y)
+        low_x, high_x = max(low_x, x - reach), min(high_x, x + reach)
+        low_y, high_y = max(low_y, y - reach), min(high_y, y + reach)
+        if low_x >= high_x or low_y >= high_y:
+            height = ZERO
+    corner = add_scaled(add_scaled(center, axis_x, low_x), axis_y, low_y)
+    return corner, scale(axis_x, high_x - low_x), scale(axis_y, high_y - low_y), height
+
+
+@device
+def sample_rectangle_lamp(lamps, i, p, u1, u2):
+    """(wi, t, radiance, pdf), uniform in the solid angle of what p can see."""
+    corner, edge_x, edge_y, height = _visible_part(lamps, i, p)
+    if height <= ZERO:
+        return edge_x, ZERO, BLACK, ZERO
+    wi, t, pdf = sample_rectangle(p, corner, edge_x, edge_y, u1, u2)
+    return wi, t, _lamp_radiance(lamps, i, wi), pdf
+
+
+@device
+def rectangle_lamp_seen(lamps, i, p, wi, t):
+    """(radiance, pdf) for a ray from p that meets the rectangle at distance t."""
+    corner, edge_x, edge_y, height = _visible_part(lamps, i, p)
+    if height <= ZERO:
+        return BLACK, ZERO
+    return _lamp_radiance(lamps, i, wi), rectangle_pdf(p, corner, edge_x, edge_y, wi, t)
+
+
+@device
+def sample_ellipse_lamp(lamps, i, p, u1, u2):
+    """(wi, t, radiance, pdf), uniform in area."""
+    x, y = concentric_disk(u1, u2)
+    half_x, half_y = lamps[i, SIZE], lamps[i, SIZE + 1]
+    point = add_scaled(_vector(lamps, i, POSITION), _vector(lamps, i, AXIS_X), x * half_x)
+    point = add_scaled(point, _vector(lamps, i, AXIS_Y), y * half_y)
+    wi, t = direction_and_length(sub(point, p))
+    return wi, t, _lamp_radiance(lamps, i, wi), _ellipse_pdf(lamps, i, wi, t)
+
+
+@device
+def ellipse_lamp_seen(lamps, i, p, wi, t):
+    """(radiance, pdf) for a ray that meets the ellipse's rectangle at t; black in the corners."""
+    off = sub(add_scaled(p, wi, t), _vector(lamps, i, POSITION))
+    x = dot(off, _vector(lamps, i, AXIS_X)) / lamps[i, SIZE]
+    y = dot(off, _vector(lamps, i, AXIS_Y)) / lamps[i, SIZE + 1]
+    if x * x + y * y > np.float32(1):
+        return BLACK, ZERO
+    return _lamp_radiance(lamps, i, wi), _ellipse_pdf(lamps, i, wi, t)
+
+
+@device
+def _ellipse_pdf(lamps, i, wi, t):
+    cosine = -dot(wi, _vector(lamps, i, AXIS))
+    area = PI * lamps[i, SIZE] * lamps[i, SIZE + 1]
+    return t * t / (area * cosine) if cosine > TINY else ZERO

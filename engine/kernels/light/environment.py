@@ -1,0 +1,269 @@
+"""The equirectangular environment image: radiance by direction, and directions by importance.
+
+Directions are in environment space (see `engine.scene.World`); the caller rotates, and multiplies by the world's
+colour. `build_environment` makes the table once per scene; `engine/pack` calls it.
+
+A direction is drawn with a density proportional to the bilinear interpolation of luminance x sin(theta) at the
+texel centres, so the density is positive wherever the radiance is, and radiance / density stays nearly constant
+even about a single hot pixel. The cells are those of the interpolation: between texel centres, wrapping around in
+u, with half cells below the first row and above the last. A cell is chosen by inverting cumulative sums (a guide
+table narrows the search), then the point in it in closed form, so that stratification survives.
+
+Precision: float32 tables. A cell whose share of its row is below 6e-8 may be lost to rounding: so may as much of
+the image's power.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geom.vec import BLACK, ONE, TWO, ZERO
+from ..jit import device
+from .spherical import atan2_upper
+
+HALF = np.float32(0.5)
+PI = np.float32(np.pi)
+TWO_PI = np.float32(2 * np.pi)
+INV_PI = np.float32(1 / np.pi)
+INV_TWO_PI = np.float32(0.5 / np.pi)
+SMALL = np.float32(1e-30)
+LAST_BELOW_ONE = np.float32(1 - 2**-24)
+RED, GREEN, BLUE = np.float32(0.2126), np.float32(0.7152), np.float32(0.0722)
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+class EnvironmentTable(NamedTuple):
+    """H rows and W columns of texels; H + 1 rows of cells, row r between the texel rows r - 1 and r.
+
+    image          (H, W, 3) float32, W/(m2 sr), row 0 looks straight down
+    sines          (H + 2,) float32, sin(theta) of the texel rows, with 0 for both poles around them
+    row_cdf        (H + 2,) float32, cumulative shares of the rows of cells
+    row_guide      (G + 1,) int32, the row that holds the share k / G
+    column_cdf     (H + 1, W + 1) float32, cumulative shares within each row
+    column_guide   (H + 1, K + 1) int32, the column that holds the share k / K
+    scale          (1,) float32: density = scale x interpolated (luminance x sin) / sin(theta); 0: all black
+    """
+
+    image: np.ndarray
+    sines: np.ndarray
+    row_cdf: np.ndarray
+    row_guide: np.ndarray
+    column_cdf: np.ndarray
+    column_guide: np.ndarray
+    scale: np.ndarray
+
+
+# --- building ------------------------------------------------------------------------------------------------------
+
+
+def build_environment(image: np.ndarray) -> EnvironmentTable:
+    """image : (H, W, 3) float32, finite. Negative values count as black for the density."""
+    image = np.ascontiguousarray(image, np.float32)
+    height, width, _ = image.shape
+    sines = np.zeros(height + 2)
+    sines[1:-1] = np.sin(np.pi * (np.arange(height) + 0.5) / height)
+    # float32 here halves the memory of a large image; the sums below are float64.
+    padded = np.zeros((height + 2, width), np.float32)  # weight at the lower and upper edge of each row of cells
+    np.matmul(np.maximum(image, 0), LUMINANCE.astype(np.float32), out=padded[1:-1])
+    padded *= sines[:, None].astype(np.float32)
+    cells = padded[:-1] + padded[1:]
+    cells += np.roll(cells, -1, axis=1)
+    cells *= np.float32(0.25)  # mean of the four corners
+    cells[[0, -1]] *= np.float32(0.5)  # half as high
+    rows = cells.sum(axis=1, dtype=np.float64)
+    total = rows.sum()
+    # Density in (u, v) is weight / mean weight; a cell's area is 1 / (W H); d(omega) = 2 pi^2 sin(theta) du dv.
+    scale = width * height / (total * 2 * np.pi**2) if total > 0 else 0.0
+    row_cdf = _cumulative(rows[None])
+    column_cdf = _cumulative(cells)
+    return EnvironmentTable(
+        image=image,
+        sines=sines.astype(np.float32),
+        row_cdf=row_cdf[0],
+        row_guide=_guide(row_cdf)[0],
+        column_cdf=column_cdf,
+        column_guide=_guide(column_cdf),
+        scale=np.array([scale], np.float32),
+    )
+
+
+def _cumulative(weights: np.ndarray) -> np.ndarray:
+    """(N, M) -> (N, M + 1) float32 from 0 to 1. Rows without weight are 0 but for the last entry."""
+    cdf = np.zeros((weights.shape[0], weights.shape[1] + 1), np.float32)
+    for row, out in zip(weights, cdf, strict=True):  # row by row: no float64 copy of a large image
+        sums = np.cumsum(row, dtype=np.float64)
+        if sums[-1] > 0:
+            out[1:] = sums / sums[-1]
+        out[-1] = 1
+    return cdf
+
+
+def _guide(cdf: np.ndarray) -> np.ndarray:
+    """(N, K + 1): the last index whose cumulative share is at most k / K. K is a power of two, so that u K is exact
+    in float32."""
+    size = 1 << max(int(math.log2(cdf.shape[1] - 1)) - 1, 0)
+    shares = (np.arange(size + 1) / size).astype(np.float32)
+    guide = np.stack([np.searchsorted(row, shares, side="right") - 1 for row in cdf])
+    return np.minimum(guide, cdf.shape[1] - 2).astype(np.int32)
+
+
+def mean_radiance(image: np.ndarray) -> np.ndarray:
+    """(3,) float64: mean over the sphere of the interpolated image (H, W, 3). Times 4 pi: the total, W/m2."""
+    height = image.shape[0]
+    # Integrate each row's hat function against sin(theta): Gauss-Legendre on the half cells, where it is linear.
+    x, w = np.polynomial.legendre.leggauss(6)
+    y = (np.arange(2 * height)[:, None] + 0.5 * (x + 1)) / 2  # rows, from 0 to H
+    solid = 0.5 * np.pi * np.sin(np.pi * y / height) * (0.25 * w / height)
+    position = np.clip(y - 0.5, 0, height - 1)
+    low = np.minimum(position.astype(int), max(height - 2, 0))
+    upper_share = position - low
+    share = np.bincount(low.ravel(), (solid * (1 - upper_share)).ravel(), height)
+    share += np.bincount(np.minimum(low + 1, height - 1).ravel(), (solid * upper_share).ravel(), height)
+    return share @ image.mean(axis=1, dtype=np.float64)
+
+
+# --- looking up ----------------------------------------------------------------------------------------------------
+
+
+@device
+def _locate(table, d):
+    """(row of cells, column, fractions in u and v, sin(theta)) of a unit direction."""
+    height, width = table.image.shape[0], table.image.shape[1]
+    sine = math.sqrt(d[0] * d[0] + d[1] * d[1])
+    y = atan2_upper(sine, -d[2]) * INV_PI * np.float32(height)
+    row = min(int(y + HALF), height)
+    low = max(np.float32(row) - HALF, ZERO)
+    v = (y - low) * (TWO if row == 0 or row == height else ONE)
+    around = atan2_upper(abs(d[1]), -d[0]) * INV_TWO_PI
+    u = HALF + (around if d[1] >= ZERO else -around)
+    x = u * np.float32(width) - HALF
+    floor = math.floor(x)
+    column = int(floor)
+    if column < 0:
+        column += width
+    return min(row, height), min(column, width - 1), x - np.float32(floor), min(max(v, ZERO), ONE), sine
+
+
+@device
+def _luminance(c):
+    return max(c[0], ZERO) * RED + max(c[1], ZERO) * GREEN + max(c[2], ZERO) * BLUE
+
+
+@device
+def _texel(table, row, column):
+    return table.image[row, column, 0], table.image[row, column, 1], table.image[row, column, 2]
+
+
+@device
+def _corners(table, row, column):
+    """The texels about a cell: lower left, lower right, upper left, upper right."""
+    height, width = table.image.shape[0], table.image.shape[1]
+    low, high = max(row - 1, 0), min(row, height - 1)
+    right = column + 1 if column + 1 < width else 0
+    return (
+        _texel(table, low, column),
+        _texel(table, low, right),
+        _texel(table, high, column),
+        _texel(table, high, right),
+    )
+
+
+@device
+def _mix(a, b, t):
+    return a + (b - a) * t
+
+
+@device
+def _mix_color(c00, c01, c10, c11, u, v):
+    w00, w01, w10, w11 = (ONE - u) * (ONE - v), u * (ONE - v), (ONE - u) * v, u * v
+    return (
+        w00 * c00[0] + w01 * c01[0] + w10 * c10[0] + w11 * c11[0],
+        w00 * c00[1] + w01 * c01[1] + w10 * c10[1] + w11 * c11[1],
+        w00 * c00[2] + w01 * c01[2] + w10 * c10[2] + w11 * c11[2],
+    )
+
+
+@device
+def environment_lookup(table, d):
+    """(radiance, pdf per steradian) for the unit direction d."""
+    row, column, u, v, sine = _locate(table, d)
+    c00, c01, c10, c11 = _corners(table, row, column)
+    low = table.sines[row] * _mix(_luminance(c00), _luminance(c01), u)
+    high = table.sines[row + 1] * _mix(_luminance(c10), _luminance(c11), u)
+    pdf = table.scale[0] * _mix(low, high, v) / max(sine, SMALL)
+    return _mix_color(c00, c01, c10, c11, u, v), pdf
+
+
+@device
+def environment_radiance(table, d):
+    """Radiance from the unit direction d."""
+    row, column, u, v, _ = _locate(table, d)
+    c00, c01, c10, c11 = _corners(table, row, column)
+    return _mix_color(c00, c01, c10, c11, u, v)
+
+
+@device
+def environment_pdf(table, d):
+    """Density of `sample_environment` for the unit direction d, per steradian. Free with `environment_lookup`."""
+    return environment_lookup(table, d)[1]
+
+
+# --- sampling ------------------------------------------------------------------------------------------------------
+
+
+@device
+def _invert(cdf, guide, u):
+    """(index, u within the cell in [0, 1)): cdf[index] <= u < cdf[index + 1]."""
+    k = int(u * np.float32(guide.shape[0] - 1))
+    low, high = guide[k], guide[k + 1]
+    while low < high:
+        middle = (low + high + 1) >> 1
+        if cdf[middle] <= u:
+            low = middle
+        else:
+            high = middle - 1
+    width = cdf[low + 1] - cdf[low]
+    return low, min((u - cdf[low]) / max(width, SMALL), LAST_BELOW_ONE)
+
+
+@device
+def _sample_linear(a, b, u):
+    """x in [0, 1] with density proportional to a (1 - x) + b x. Pharr et al., "Physically Based Rendering" 4e, 2.3.2."""
+    if a == b:
+        return u
+    return u * (a + b) / max(a + math.sqrt(_mix(a * a, b * b, u)), SMALL)
+
+
+@device
+def sample_environment(table, u1, u2):
+    """(d, radiance, pdf): a unit direction, its radiance and the density per steradian. u1, u2 in [0, 1).
+
+    pdf == 0: the image is black.
+    """
+    if table.scale[0] == ZERO:
+        return (ZERO, ZERO, ONE), BLACK, ZERO
+    height, width = table.image.shape[0], table.image.shape[1]
+    row, u1 = _invert(table.row_cdf, table.row_guide, u1)
+    column, u2 = _invert(table.column_cdf[row], table.column_guide[row], u2)
+    c00, c01, c10, c11 = _corners(table, row, column)
+    sine_low, sine_high = table.sines[row], table.sines[row + 1]
+    w00, w01 = sine_low * _luminance(c00), sine_low * _luminance(c01)
+    w10, w11 = sine_high * _luminance(c10), sine_high * _luminance(c11)
+    v = _sample_linear(w00 + w01, w10 + w11, u1)
+    left, right = _mix(w00, w10, v), _mix(w01, w11, v)
+    u = _sample_linear(left, right, u2)
+
+    # theta from the nearer pole, where 1 - v would have lost its digits.
+    low = max(np.float32(row) - HALF, ZERO)
+    step = v * (HALF if row == 0 or row == height else ONE)
+    upper = row + row > height
+    from_pole = np.float32(height) - low - step if upper else low + step
+    theta = PI * from_pole / np.float32(height)
+    sine, cosine = math.sin(theta), math.cos(theta)
+    phi = TWO_PI * (np.float32(column) + HALF + u) / np.float32(width)
+    d = math.cos(phi) * sine, -math.sin(phi) * sine, cosine if upper else -cosine
+    pdf = table.scale[0] * _mix(left, right, u) / max(sine, SMALL)
+    return d, _mix_color(c00, c01, c10, c11, u, v), pdf

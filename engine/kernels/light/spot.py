@@ -1,0 +1,26 @@
+"""The cone of spot lamps: a factor on the light of a point, sphere or disk."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geom.vec import ONE, ZERO, normalize
+from ..jit import device
+from ..tables import SPOT_COS, SPOT_SCALE, TO_LOCAL
+
+TWO, THREE = np.float32(2), np.float32(3)
+
+
+@device
+def spot_falloff(lamps, i, w):
+    """Smoothstep over the rim of the cone, for light that leaves along w. The angle is measured in the lamp's own
+    space, where its scale makes an elliptic cone round (Cycles, kernel/light/spot.h)."""
+    local = normalize(
+        (
+            lamps[i, TO_LOCAL] * w[0] + lamps[i, TO_LOCAL + 1] * w[1] + lamps[i, TO_LOCAL + 2] * w[2],
+            lamps[i, TO_LOCAL + 3] * w[0] + lamps[i, TO_LOCAL + 4] * w[1] + lamps[i, TO_LOCAL + 5] * w[2],
+            lamps[i, TO_LOCAL + 6] * w[0] + lamps[i, TO_LOCAL + 7] * w[1] + lamps[i, TO_LOCAL + 8] * w[2],
+        )
+    )
+    s = min(max((-local[2] - lamps[i, SPOT_COS]) * lamps[i, SPOT_SCALE], ZERO), ONE)
+    return s * s * (THREE - TWO * s)

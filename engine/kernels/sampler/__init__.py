@@ -1,0 +1,1 @@
+"""Where random numbers come from (`sobol`, `random`) and the shapes they are warped to (`warp`)."""

@@ -1,0 +1,147 @@
+"""Shapes that uniform numbers are warped to, each followed by its density.
+
+Directions have z along the axis. `_pdf` is per steradian, `_pdf_area` per unit of area.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..geom.elementary import sin_cos_acute, sin_cos_turn
+from ..geom.vec import ONE, TINY, TWO, ZERO
+from ..jit import device
+from .random import random_1d
+
+PI = np.float32(math.pi)
+TWO_PI = np.float32(2 * math.pi)
+INV_PI = np.float32(1 / math.pi)
+INV_TWO_PI = np.float32(1 / (2 * math.pi))
+_QUARTER_PI = np.float32(math.pi / 4)
+_HALF = np.float32(0.5)
+
+
+@device
+def concentric_disk(u1, u2):
+    """Uniform in the unit disk, keeping neighbours together (Shirley & Chiu 1997)."""
+    a = TWO * u1 - ONE
+    b = TWO * u2 - ONE
+    wide = abs(a) > abs(b)
+    radius = a if wide else b
+    other = b if wide else a
+    ratio = other / radius if radius != ZERO else ZERO
+    s, c = sin_cos_acute(_QUARTER_PI * ratio)
+    return radius * (c if wide else s), radius * (s if wide else c)
+
+
+@device
+def concentric_disk_pdf_area():
+    return INV_PI
+
+
+@device
+def cosine_hemisphere(u1, u2):
+    """Malley's method: the disk, lifted onto the hemisphere."""
+    x, y = concentric_disk(u1, u2)
+    return x, y, math.sqrt(max(ONE - x * x - y * y, ZERO))
+
+
+@device
+def cosine_hemisphere_pdf(cos_theta):
+    return max(cos_theta, ZERO) * INV_PI
+
+
+@device
+def uniform_hemisphere(u1, u2):
+    """Uniform in solid angle, by the equal-area map from the disk: z = 1 - r^2."""
+    x, y = concentric_disk(u1, u2)
+    squared = x * x + y * y
+    stretch = math.sqrt(max(TWO - squared, ZERO))
+    return x * stretch, y * stretch, max(ONE - squared, ZERO)
+
+
+@device
+def uniform_hemisphere_pdf(cos_theta):
+    return INV_TWO_PI if cos_theta >= ZERO else ZERO
+
+
+@device
+def rejection_hemisphere(state):
+    """(direction, new state, draws): points of the cube until one lies in the upper half ball, 12 / pi on average.
+
+    A draw is a point of three numbers. Uniform in solid angle, as `uniform_hemisphere`.
+    """
+    draws = np.int32(0)
+    while True:
+        u, state = random_1d(state)
+        v, state = random_1d(state)
+        w, state = random_1d(state)
+        draws = np.int32(draws + np.int32(1))
+        x = TWO * u - ONE
+        y = TWO * v - ONE
+        z = TWO * w - ONE
+        squared = x * x + y * y + z * z
+        if z > ZERO and squared <= ONE and squared > TINY:
+            s = ONE / math.sqrt(squared)
+            return (x * s, y * s, z * s), state, draws
+
+
+@device
+def uniform_sphere(u1, u2):
+    z = ONE - TWO * u1
+    radius = TWO * math.sqrt(u1 * (ONE - u1))
+    s, c = sin_cos_turn(u2)
+    return radius * c, radius * s, z
+
+
+@device
+def uniform_sphere_pdf():
+    return INV_TWO_PI * _HALF
+
+
+@device
+def one_minus_cos(sin2_max):
+    """1 - cos of an acute angle from its squared sine, exact for small angles."""
+    return sin2_max / (ONE + math.sqrt(max(ONE - sin2_max, ZERO)))
+
+
+@device
+def uniform_cone(one_minus_cos_max, u1, u2):
+    """Uniform in solid angle within a cone about z.
+
+    `one_minus_cos_max` = 1 - cos(half angle), in (0, 2]: unlike the cosine it is precise for the sun's half degree.
+    """
+    x, y = concentric_disk(u1, u2)
+    squared = x * x + y * y
+    drop = squared * one_minus_cos_max  # 1 - cos(theta)
+    stretch = math.sqrt(one_minus_cos_max * max(TWO - drop, ZERO))
+    return x * stretch, y * stretch, ONE - drop
+
+
+@device
+def uniform_cone_pdf(one_minus_cos_max):
+    """Inside the cone."""
+    return INV_TWO_PI / one_minus_cos_max
+
+
+@device
+def regular_polygon(blades, rotation, u1, u2):
+    """Uniform in the regular polygon inscribed in the unit circle, with a corner at `rotation` radians.
+
+    blades  float32, a whole number of at least 3
+    """
+    scaled = u1 * blades
+    blade = np.floor(scaled)
+    u = math.sqrt(scaled - blade)
+    step = TWO_PI / blades
+    # A point of the triangle (centre, corner k, corner k + 1): u its distance from the centre, u2 along the side.
+    start, end = rotation + step * blade, rotation + step * (blade + ONE)
+    s0, c0 = math.sin(start), math.cos(start)
+    s1, c1 = math.sin(end), math.cos(end)
+    return u * (c0 + (c1 - c0) * u2), u * (s0 + (s1 - s0) * u2)
+
+
+@device
+def regular_polygon_pdf_area(blades):
+    return TWO / (blades * math.sin(TWO_PI / blades))

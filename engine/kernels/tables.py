@@ -1,0 +1,96 @@
+"""The arrays that a path kernel reads, by name. Filled by `engine/pack.py`; a table that a scene doesn't need has
+no rows, and the kernel for that scene never looks at it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+# Rays as bits of Embree's masks: surfaces carry `Visibility`, the shapes of lamps the same bits shifted.
+CAMERA_RAY, DIFFUSE_RAY, GLOSSY_RAY, SHADOW_RAY = np.uint32(1), np.uint32(2), np.uint32(4), np.uint32(8)
+LAMP_SHIFT = 4
+
+# Kinds of Embree geometries in the top scene.
+BAKED_MESH, INSTANCED_MESH, LAMP_QUADS, LAMP_SPHERES = 0, 1, 2, 3
+
+# Words of a material.
+KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = 0, 3, 6, 7, 10, 16
+
+# Words of a lamp. RADIANCE holds W/sr where the lamp is a point. SIZE: half the lengths along x and y, or the radius.
+POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = 0, 3, 6, 9, 12, 15
+TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = (
+    17,
+    18,
+    19,
+    20,
+    21,
+    30,
+    31,
+    32,
+)
+
+# Words of a sun. AXIS points from the scene to the sun. ONE_MINUS_COS of the half angle; 0: a direction.
+SUN_AXIS, SUN_RADIANCE, SUN_ONE_MINUS_COS, SUN_UNSHADOWED, SUN_MASK, SUN_WORDS = 0, 3, 6, 7, 8, 12
+
+
+class Geometry(NamedTuple):
+    """Surfaces. Triangles of baked meshes come in world space, those of instanced meshes in object space.
+
+    accel            (1,) uint64, address of the Embree scene
+    vertices         (V, 3) float32, metres
+    triangles        (T, 3) uint32
+    triangle_slot    (T,) int32: baked: the material; instanced: the slot
+    normals          (N, 3) float32, unit
+    normal_triangles (T, 3) uint32, INVALID in flat triangles
+    kind, base       (G,) int32 by Embree geometry id: what it is, and its first triangle or lamp
+    instance_base    (G,) int32: first row of the instance tables
+    transforms       (I, 3, 4) float32, object to world
+    slot_offset, slot_count  (I,) int32
+    slots            (S,) int32, material of each slot
+    materials        (M, 16) float32
+    """
+
+    accel: np.ndarray
+    vertices: np.ndarray
+    triangles: np.ndarray
+    triangle_slot: np.ndarray
+    normals: np.ndarray
+    normal_triangles: np.ndarray
+    kind: np.ndarray
+    base: np.ndarray
+    instance_base: np.ndarray
+    transforms: np.ndarray
+    slot_offset: np.ndarray
+    slot_count: np.ndarray
+    slots: np.ndarray
+    materials: np.ndarray
+
+
+class Lights(NamedTuple):
+    """Emitters 0..L-1 are the lamps, L.. are the emissive triangles.
+
+    lamps             (L, 32) float32
+    lamp_kind         (L,) int32
+    lamp_of_quad, lamp_of_sphere  int32: lamp of each lamp geometry's primitive
+    emitter_triangle  (E,) uint32, triangle of emitter L + i
+    triangle_emitter  (T,) int32, emitter of a triangle, -1: none
+    emitter_mask      (E,) uint8, visibility of emitter L + i
+    emitter_rectangle (E, 9) float32, corner and two edges of an emitter that is a rectangle, else zeros; no rows if
+                      there is none
+    suns              (S, 12) float32
+    world             (4,) float32: constant radiance, and the visibility bits as a number
+    world_rotation    (3, 3) float32, world to environment
+    """
+
+    lamps: np.ndarray
+    lamp_kind: np.ndarray
+    lamp_of_quad: np.ndarray
+    lamp_of_sphere: np.ndarray
+    emitter_triangle: np.ndarray
+    triangle_emitter: np.ndarray
+    emitter_mask: np.ndarray
+    emitter_rectangle: np.ndarray
+    suns: np.ndarray
+    world: np.ndarray
+    world_rotation: np.ndarray

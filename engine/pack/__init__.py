@@ -1,0 +1,72 @@
+"""`Scene` to flat arrays for the kernels, and the decision which features a scene needs.
+
+This is the only module that knows both sides: the scene description above and the kernels' tables below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..accel import Accel
+from ..features import Features
+from ..kernels.camera import pack_camera
+from ..kernels.film.filter import build_filter_table
+from ..kernels.sampler.sobol import build_sobol_table
+from ..kernels.tables import Geometry, Lights
+from ..scene import Scene
+from ..settings import CHOICES, Settings
+from .geometry import pack_geometry
+from .lights import pack_lights
+
+
+@dataclass
+class Packed:
+    """All that a path kernel is called with, and what keeps its memory alive."""
+
+    features: Features
+    geometry: Geometry
+    lights: Lights
+    environment: tuple
+    tree: tuple
+    camera: np.ndarray
+    filter_table: np.ndarray
+    sampler: np.ndarray
+    accel: Accel
+
+
+def pack(scene: Scene, settings: Settings, stop: Callable[[], bool] | None = None) -> Packed:
+    """Pack and build. The scene must have passed `Scene.validate`. Raises accel.BuildStopped when `stop` says so."""
+    geometry = pack_geometry(scene)
+    lights = pack_lights(scene, geometry)
+    accel = Accel(geometry.tables.vertices, geometry.tables.triangles, geometry.shapes + lights.shapes, stop=stop)
+    kind = np.concatenate([geometry.tables.kind, lights.shape_kind]).astype(np.int32)
+    base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)
+    tables = geometry.tables._replace(accel=np.array([accel.address], np.uint64), kind=kind, base=base)
+    camera = scene.camera
+    assert camera is not None
+    bounces = min(settings.diffuse_bounces, settings.glossy_bounces)
+    lights.features["ray_kinds"] |= int(geometry.features["phong"] and bounces < settings.max_bounces)
+    features = Features(
+        **geometry.features,
+        **lights.features,
+        orthographic=int(camera.orthographic),
+        lens=int(camera.aperture is not None and camera.aperture.radius > 0),
+        transparent_film=int(scene.transparent_film),
+        hemisphere=CHOICES["hemisphere_sampling"].index(settings.hemisphere_sampling),
+        lobe_selection=CHOICES["lobe_selection"].index(settings.lobe_selection),
+        clamp=int(settings.clamp_direct > 0 or settings.clamp_indirect > 0),
+    )
+    return Packed(
+        features=features,
+        geometry=tables,
+        lights=lights.tables,
+        environment=lights.environment,
+        tree=lights.tree,
+        camera=pack_camera(camera, scene.width, scene.height),
+        filter_table=build_filter_table(settings.pixel_filter, settings.filter_width),
+        sampler=build_sobol_table(settings.seed),
+        accel=accel,
+    )

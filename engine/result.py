@@ -1,0 +1,45 @@
+"""What a render reports while it runs and gives back when it is done, the same for both roads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A look at a running render. `pixels()` makes the picture so far, shaped as `Result.pixels`, or None."""
+
+    samples: int
+    total: int
+    seconds: float
+    remaining: float | None
+    message: str
+    pixels: Callable[[], np.ndarray | None]
+
+    @property
+    def fraction(self) -> float:
+        return self.samples / self.total if self.total else 0.0
+
+
+@dataclass
+class Result:
+    """A picture and how it came about.
+
+    pixels    (h, w, 4) float32 of the render region, row 0 at the bottom, scene-linear, premultiplied alpha
+    samples   per pixel (the mean, where they differ)
+    seconds   by phase: "build", "compile", "render"
+    rays      all that were traced, shadow rays included
+    rejected  contributions that were not finite; they are left out of the picture, and always a defect
+    """
+
+    pixels: np.ndarray
+    samples: float
+    seconds: dict[str, float] = field(default_factory=dict)
+    rays: int = 0
+    rejected: int = 0
+    skipped: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    stopped: bool = False

@@ -1,0 +1,242 @@
+"""The compiled road's schedule: pack and build, get the kernel, then passes over the picture on all threads.
+
+The order of passes and tiles depends on nothing but the settings, and each pixel is summed by one thread at a time
+in the order of its samples, so the same scene and seed give the same bits on any number of threads.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache
+
+import numpy as np
+
+from .accel import BuildStopped
+from .adaptive import AdaptiveSampling
+from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
+from .film import Film
+from .kernels.embree import new_ray
+from .kernels.path import Limits, Tables, make_tile_kernel
+from .pack import Packed, pack
+from .result import Progress, Result
+from .scene import Camera, Scene
+from .settings import Settings
+
+FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a picture stands early
+PASS_SAMPLES = 32  # samples of every pass after them
+TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds, so that a stop takes effect soon
+POLL_SECONDS = 0.03
+PROGRESS_SECONDS = 0.2
+ANNOUNCE_SECONDS = 0.7  # a kernel from the disk cache is there before that
+
+tile_kernel = cache(make_tile_kernel)
+
+
+class Stopped(Exception):
+    """The caller's `stop` said so."""
+
+
+class _Watch:
+    """Asks the caller whether to stop and tells how far the render is, on the caller's thread."""
+
+    def __init__(self, settings: Settings, progress, stop):
+        self.total, self._progress, self._stop = settings.samples, progress, stop
+        self.start = self._told = time.perf_counter()
+        self.film: Film | None = None
+        self.samples = 0
+        self.render_start = 0.0
+        self._first = True
+
+    def stopped(self) -> bool:
+        return self._stop is not None and bool(self._stop())
+
+    def tell(self, message: str, force: bool = False) -> None:
+        now = time.perf_counter()
+        if self._progress is None or not (force or now - self._told > PROGRESS_SECONDS):
+            return
+        self._told = now
+        film, remaining = self.film, None
+        done = float(film.samples.mean()) if film is not None else 0.0
+        if done > 0:
+            remaining = (now - self.render_start) * (self.total - done) / done
+        picture = film.pixels if film is not None and done > 0 else lambda: None
+        self._progress(Progress(int(done), self.total, now - self.start, remaining, message, picture))
+
+    def wait_for(self, futures: list[Future], message: Callable[[float], str], on_stop=None) -> None:
+        """Until all are done; their exceptions are raised. Raises Stopped when the caller says so."""
+        begun = time.perf_counter()
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, timeout=POLL_SECONDS)
+            for future in done:
+                future.result()
+            if pending and self.stopped():
+                if on_stop is not None:
+                    on_stop()
+                raise Stopped
+            self.tell(message(time.perf_counter() - begun))
+
+
+def render_compiled(
+    scene: Scene,
+    settings: Settings,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Result:
+    """See `engine.render`. Scene and settings are valid."""
+    watch = _Watch(settings, progress, stop)
+    film = Film(scene.render_region, scene.exposure)
+    result = Result(pixels=film.pixels(), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings))
+    threads = settings.threads or os.cpu_count() or 1
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="lobe")
+    try:
+        _run(scene, settings, watch, film, result, pool, threads)
+    except (Stopped, BuildStopped):
+        result.stopped = True
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+    result.pixels = film.pixels()
+    result.samples = float(film.samples.mean()) if film.samples.size else 0.0
+    if result.rejected:
+        result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
+    return result
+
+
+def _run(scene, settings, watch: _Watch, film: Film, result: Result, pool: ThreadPoolExecutor, threads: int) -> None:
+    clock = time.perf_counter
+    begun = clock()
+    watch.tell("building", force=True)
+    building = pool.submit(pack, scene, settings, watch.stopped)
+    watch.wait_for([building], lambda _: "building")
+    packed = building.result()
+    result.seconds["build"] = clock() - begun
+    result.skipped += packed.features.skipped()
+
+    begun = clock()
+    compiling = pool.submit(_load_kernel, packed, settings)
+    watch.wait_for([compiling], lambda t: "compiling (first time only)" if t > ANNOUNCE_SECONDS else "preparing")
+    result.seconds["compile"] = clock() - begun
+
+    begun = watch.render_start = clock()
+    watch.film = film
+    try:
+        _passes(settings, packed, watch, film, result, pool, threads)
+    finally:
+        result.seconds["render"] = clock() - begun
+
+
+def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result, pool, threads: int) -> None:
+    """All samples of all pixels, pass by pass."""
+    render_tile, tables, limits = tile_kernel(packed.features), _tables(packed), _limits(packed.features, settings)
+    adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
+    active = adaptive.active if adaptive else np.ones((1, 1), np.bool_)
+    half = adaptive.half if adaptive else np.zeros((1, 1, 3))
+    halt = threading.Event()
+    x0, y0 = film.region[:2]
+    origin = np.array([x0, y0], np.int64)
+    deadline = watch.render_start + settings.time_limit if settings.time_limit else np.inf
+
+    def work(tiles: Iterator[tuple[int, int, int, int]], first: int, count: int) -> tuple[int, int]:
+        ray, rejected, rays = new_ray(), np.zeros(1, np.int64), 0
+        for tile in tiles:
+            if halt.is_set() or time.perf_counter() > deadline:
+                break
+            rays += render_tile(
+                tables, limits, ray, tile, first, count, np.uint32(settings.seed & 0xFFFFFFFF), origin,
+                film.sums, film.samples, half, active, rejected,
+            )  # fmt: skip
+        return rays, int(rejected[0])
+
+    for first, count in _schedule(settings.samples):
+        tiles = _Shared(_tiles(film.region, count))
+        futures = [pool.submit(work, tiles, first, count) for _ in range(threads)]
+        try:
+            watch.wait_for(futures, lambda _: "rendering", on_stop=halt.set)
+        finally:
+            for future in futures:
+                rays, rejected = future.result()
+                result.rays += rays
+                result.rejected += rejected
+        watch.tell("rendering", force=first == 0)
+        if adaptive is not None and adaptive.update():
+            break
+        if time.perf_counter() > deadline:
+            break
+
+
+def _schedule(total: int) -> Iterator[tuple[int, int]]:
+    """(first sample, number of samples) of each pass."""
+    first = 0
+    for count in itertools.chain(FIRST_PASSES, itertools.repeat(PASS_SAMPLES)):
+        if first >= total:
+            return
+        yield first, min(count, total - first)
+        first += count
+
+
+def _tiles(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[int, int, int, int]]:
+    """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets."""
+    side = max(4, 1 << (int(TILE_SAMPLES / samples).bit_length() // 2))
+    x0, y0, x1, y1 = region
+    for y in range(y0, y1, side):
+        for x in range(x0, x1, side):
+            yield x, y, min(x + side, x1), min(y + side, y1)
+
+
+class _Shared:
+    """An iterator that threads take from in turn."""
+
+    def __init__(self, items: Iterator):
+        self._items, self._lock = items, threading.Lock()
+
+    def __iter__(self):
+        return self
+
+    def __next__(self):
+        with self._lock:
+            return next(self._items)
+
+
+def _tables(packed: Packed) -> Tables:
+    return Tables(
+        packed.geometry, packed.lights, packed.environment, packed.tree, packed.camera, packed.filter_table,
+        packed.sampler,
+    )  # fmt: skip
+
+
+def _limits(features: Features, settings: Settings) -> Limits:
+    # Without Phong every bounce is a diffuse one; the kernel then counts no kinds.
+    bounces = settings.max_bounces if features.phong else min(settings.max_bounces, settings.diffuse_bounces)
+    return Limits(
+        np.int32(bounces),
+        np.int32(settings.diffuse_bounces),
+        np.int32(settings.glossy_bounces),
+        np.float32(settings.clamp_direct),
+        np.float32(settings.clamp_indirect),
+    )
+
+
+def _load_kernel(packed: Packed, settings: Settings) -> None:
+    """Have the kernel ready: a tile without pixels makes Numba compile it or read it from disk."""
+    limits = _limits(packed.features, settings)
+    tile_kernel(packed.features)(
+        _tables(packed), limits, new_ray(), (0, 0, 0, 0), 0, 0, np.uint32(0), np.zeros(2, np.int64),
+        np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_),
+        np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
+def precompile_common() -> None:
+    """Compile the kernels of common scenes into the disk cache."""
+    packed = pack(Scene(camera=Camera()), Settings())
+    mesh_lit = Features(mesh_emitters=1, emitter_choice=EMITTER_TREE)
+    lamp_lit = Features(lamp_kinds=RECTANGLE, lamp_shapes=1, emitter_choice=ONE_EMITTER)
+    for features in (mesh_lit, mesh_lit._replace(phong=1, smooth=1), lamp_lit._replace(phong=1, smooth=1, world=1)):
+        packed.features = features
+        _load_kernel(packed, Settings())

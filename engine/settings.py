@@ -1,0 +1,74 @@
+"""How to render: the settings of one render, with the ranges that the add-on's properties share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from .errors import SettingsError
+
+HEMISPHERE_SAMPLING = ("COSINE", "UNIFORM", "REJECTION")
+LOBE_SELECTION = ("ALBEDO", "CLASSIC")
+PIXEL_FILTERS = ("BLACKMAN_HARRIS", "BOX")
+ROADS = ("COMPILED", "REFERENCE")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Defaults are the add-on's defaults. `threads` 0 means one for each core.
+
+    time_limit          seconds, 0: none
+    adaptive_threshold  the error at which a pixel stops, relative to its brightness
+    max_bounces         of a path, on surfaces after the first; diffuse_bounces and glossy_bounces by kind of lobe
+    clamp_direct, clamp_indirect  limit of a single contribution (sum of its channels / 3); 0: no limit
+    filter_width        pixels, of the Blackman-Harris filter; the box is always one pixel wide
+    """
+
+    samples: int = 128
+    seed: int = 0
+    time_limit: float = 0.0
+    use_adaptive_sampling: bool = False
+    adaptive_threshold: float = 0.01
+    max_bounces: int = 8
+    diffuse_bounces: int = 8
+    glossy_bounces: int = 8
+    clamp_direct: float = 0.0
+    clamp_indirect: float = 0.0
+    hemisphere_sampling: str = "COSINE"
+    lobe_selection: str = "ALBEDO"
+    pixel_filter: str = "BLACKMAN_HARRIS"
+    filter_width: float = 1.5
+    road: str = "COMPILED"
+    threads: int = 0
+
+    def validate(self) -> None:
+        """Raises SettingsError with the name of the setting."""
+        for key, (low, high) in RANGES.items():
+            value = getattr(self, key)
+            if not low <= value <= high:
+                raise SettingsError(f"setting {key!r} is {value}: it must lie between {low} and {high}")
+        for key, choices in CHOICES.items():
+            value = getattr(self, key)
+            if value not in choices:
+                raise SettingsError(f"setting {key!r} is {value!r}: it must be one of {', '.join(choices)}")
+
+
+RANGES: dict[str, tuple[float, float]] = {
+    "samples": (1, 1 << 24),
+    "seed": (-(1 << 31), (1 << 31) - 1),
+    "time_limit": (0, float("inf")),
+    "adaptive_threshold": (0, 1),
+    "max_bounces": (0, 1024),
+    "diffuse_bounces": (0, 1024),
+    "glossy_bounces": (0, 1024),
+    "clamp_direct": (0, float("inf")),
+    "clamp_indirect": (0, float("inf")),
+    "filter_width": (0.01, 10),
+    "threads": (0, 1024),
+}
+CHOICES = {
+    "hemisphere_sampling": HEMISPHERE_SAMPLING,
+    "lobe_selection": LOBE_SELECTION,
+    "pixel_filter": PIXEL_FILTERS,
+    "road": ROADS,
+}
+SETTING_NAMES = tuple(f.name for f in fields(Settings))

@@ -1,0 +1,297 @@
+"""The border: everything that both roads take for granted about a scene, checked once before a render.
+
+Whole arrays are checked at a time, so that a million triangles or instances cost a few milliseconds. Each failure
+raises SceneError with the name of the object at fault and what to do about it. Faces without area, objects scaled
+to nothing and scenes without objects are fine: they are drawn as what they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .errors import SceneError
+from .scene import (
+    AreaLight,
+    Camera,
+    Instances,
+    Lamp,
+    Material,
+    Mesh,
+    PointLight,
+    Scene,
+    SpotLight,
+    SunLight,
+    World,
+    scene_error,
+)
+
+
+def validate_scene(scene: Scene) -> None:
+    """Raises SceneError for the first thing in `scene` that cannot be rendered."""
+    _check_picture(scene)
+    _check_camera(scene.camera)
+    for mesh in scene.meshes:
+        _check_mesh(mesh)
+    for material in scene.materials:
+        _check_material(material)
+    _check_instances(scene.instances, len(scene.meshes), scene.materials)
+    for light in scene.lights:
+        _check_light(light)
+    _check_world(scene.world)
+
+
+def _check_picture(scene: Scene) -> None:
+    width, height = scene.width, scene.height
+    if width < 1 or height < 1:
+        raise SceneError(f"the resolution is {width} x {height} pixels: set both to 1 or more")
+    x0, y0, x1, y1 = scene.render_region
+    if x0 >= x1 or y0 >= y1:
+        raise SceneError(f"the render region ({x0}, {y0}) to ({x1}, {y1}) is empty: make it at least one pixel large")
+    if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
+        raise SceneError(
+            f"the render region ({x0}, {y0}) to ({x1}, {y1}) reaches outside the picture of {width} x {height} pixels: "
+            "move it inside"
+        )
+    if not (np.isfinite(scene.exposure) and scene.exposure >= 0):
+        raise SceneError(f"the film exposure is {scene.exposure}: set it to 0 or more")
+
+
+def _check_camera(camera: Camera | None) -> None:
+    if camera is None:
+        raise SceneError("the scene has no camera: add one, or make one the active camera")
+    axes = _check_transform("the camera", camera.transform)[:, :3]
+    if abs(np.linalg.det(axes / np.maximum(np.linalg.norm(axes, axis=0), 1e-300))) < 1e-6:
+        raise SceneError("the camera: its axes do not span space, check its scale and that of its parents")
+    left, right, bottom, top = camera.window
+    if not np.all(np.isfinite(camera.window)) or left >= right or bottom >= top:
+        raise SceneError(f"the camera: its view {tuple(camera.window)} is empty, check focal length, sensor and scale")
+    if not (np.isfinite(camera.clip_start) and camera.clip_end > camera.clip_start):
+        raise SceneError(
+            f"the camera: clip start ({camera.clip_start} m) must be nearer than clip end ({camera.clip_end} m)"
+        )
+    lens = camera.aperture
+    if lens is None:
+        return
+    if not (np.isfinite(lens.radius) and lens.radius >= 0):
+        raise SceneError(f"the camera: its aperture radius is {lens.radius} m, set it to 0 or more")
+    if not (np.isfinite(lens.focus_distance) and lens.focus_distance > 0):
+        raise SceneError(f"the camera: its focus distance is {lens.focus_distance} m, set it above 0")
+    if not (np.isfinite(lens.ratio) and lens.ratio > 0):
+        raise SceneError(f"the camera: its aperture ratio is {lens.ratio}, set it above 0")
+    if not np.isfinite(lens.rotation):
+        raise SceneError(f"the camera: its aperture rotation is {lens.rotation}, set it to a number")
+
+
+def _check_mesh(mesh: Mesh) -> None:
+    _check_array("mesh", mesh.name, "vertices", mesh.vertices, (None, 3), np.float32)
+    _check_array("mesh", mesh.name, "triangles", mesh.triangles, (None, 3), np.uint32)
+    bad = _first_bad_row(mesh.vertices)
+    if bad is not None:
+        where = ", ".join(f"{x:g}" for x in mesh.vertices[bad])
+        raise scene_error(
+            "mesh", mesh.name, f"vertex {bad} is at ({where}); remove it, or the modifier or driver that made it"
+        )
+    _check_indices(mesh, "triangles", mesh.triangles, len(mesh.vertices), "vertices")
+    faces = len(mesh.triangles)
+    if mesh.normals is not None:
+        _check_array("mesh", mesh.name, "normals", mesh.normals, (None, 3), np.float32)
+        bad = _first_bad_row(mesh.normals)
+        if bad is not None:
+            where = ", ".join(f"{x:g}" for x in mesh.normals[bad])
+            raise scene_error("mesh", mesh.name, f"normal {bad} is ({where}); clear its custom normals")
+        indices = mesh.triangles
+        if mesh.normal_indices is not None:
+            indices = mesh.normal_indices
+            _check_array("mesh", mesh.name, "normal_indices", indices, (faces, 3), np.uint32)
+        _check_indices(mesh, "normal_indices", indices, len(mesh.normals), "normals")
+    if mesh.material_slots is not None:
+        _check_array("mesh", mesh.name, "material_slots", mesh.material_slots, (faces,), np.int32)
+        if faces and mesh.material_slots.min() < 0:
+            raise scene_error("mesh", mesh.name, f"a face has the material slot {mesh.material_slots.min()}, below 0")
+
+
+def _check_indices(mesh: Mesh, what: str, indices: np.ndarray, count: int, of_what: str) -> None:
+    """`indices`: (T, 3) uint32, each below `count`."""
+    if not len(indices) or indices.max() < count:
+        return
+    face = int(np.argmax((indices >= count).any(axis=1)))
+    raise scene_error(
+        "mesh", mesh.name, f"face {face} of its {what} asks for number {indices[face].max()} of {count} {of_what}"
+    )
+
+
+def _check_instances(instances: Instances, mesh_count: int, materials: Sequence[Material]) -> None:
+    count = len(instances.mesh)
+    for what, dtype in (
+        ("mesh", np.int32),
+        ("material_offset", np.int32),
+        ("slot_count", np.int32),
+        ("visibility", np.uint8),
+        ("object", np.int32),
+    ):
+        _check_array("instances", "all", what, getattr(instances, what), (count,), dtype)
+    _check_array("instances", "all", "transforms", instances.transforms, (count, 3, 4), np.float64)
+    _check_array("instances", "all", "material_table", instances.material_table, (None,), np.int32)
+    if not count:
+        return
+
+    names = instances.object_names
+    _reject(
+        instances.object, (instances.object < 0) | (instances.object >= len(names)), None, "object name", len(names)
+    )
+    _reject(instances.mesh, (instances.mesh < 0) | (instances.mesh >= mesh_count), instances, "mesh", mesh_count)
+    bad = _first_bad_row(instances.transforms.reshape(count, 12))
+    if bad is not None:
+        raise scene_error(
+            "object",
+            names[instances.object[bad]],
+            "its transform holds values that are not finite; check its location, rotation, scale, drivers and parents",
+        )
+
+    offset, slots = instances.material_offset.astype(np.int64), instances.slot_count.astype(np.int64)
+    outside = (slots < 1) | (offset < 0) | (offset + slots > len(instances.material_table))
+    if outside.any():
+        name = names[instances.object[np.argmax(outside)]]
+        raise scene_error("object", name, "its material slots lie outside the table; give it at least one slot")
+    table = instances.material_table
+    unknown = (table < 0) | (table >= len(materials))
+    if unknown.any():
+        entry = int(np.argmax(unknown))
+        users = (offset <= entry) & (entry < offset + slots)
+        name = names[instances.object[np.argmax(users)]] if users.any() else "nobody"
+        raise scene_error(
+            "object", name, f"its material number {table[entry]} is not one of {len(materials)} materials"
+        )
+
+
+def _reject(indices: np.ndarray, outside: np.ndarray, instances: Instances | None, what: str, count: int) -> None:
+    if not outside.any():
+        return
+    bad = int(np.argmax(outside))
+    problem = f"its {what} number {indices[bad]} is not one of {count}"
+    if instances is None:
+        raise SceneError(f"instance {bad}: {problem}")
+    raise scene_error("object", instances.object_names[instances.object[bad]], problem)
+
+
+def _check_material(material: Material) -> None:
+    def fail(problem: str) -> SceneError:
+        return scene_error("material", material.name, problem)
+
+    for what, label in (("kd", "diffuse colour kd"), ("ks", "Phong colour ks"), ("emission", "emission")):
+        value = np.asarray(getattr(material, what), np.float64)
+        if value.shape != (3,) or not np.all(np.isfinite(value)):
+            raise fail(f"its {label} is {_text(value)}; set it to three finite numbers")
+        if np.any(value < 0):
+            raise fail(f"its {label} is negative {_text(value)}; set every channel to 0 or more")
+    if not (np.isfinite(material.exponent) and material.exponent >= 0):
+        raise fail(f"its Phong exponent is {material.exponent:g}; set it to 0 or more")
+    value = np.asarray(material.transparency, np.float64)
+    if value.shape != (3,) or not np.all((value >= 0) & (value <= 1)):
+        raise fail(f"its transparency is {_text(value)}; set every channel between 0 and 1")
+
+
+def _check_light(light: Lamp) -> None:
+    def fail(problem: str) -> SceneError:
+        return scene_error("light", light.name, problem)
+
+    _check_transform(f"light {light.name!r}", light.transform)
+    energy = {PointLight: "intensity", SpotLight: "intensity", AreaLight: "radiance", SunLight: "irradiance"}
+    if type(light) not in energy:
+        raise fail(f"Lobe does not know lights of the kind {type(light).__name__}")
+    value = np.asarray(getattr(light, energy[type(light)]), np.float64)
+    if value.shape != (3,) or not np.all(np.isfinite(value)):
+        raise fail(f"its energy is not finite {_text(value)}; set it to a number")
+    if np.any(value < 0):
+        raise fail("its energy is negative; Lobe cannot subtract light, set it to 0 or more")
+
+    if isinstance(light, PointLight) and not (np.isfinite(light.radius) and light.radius >= 0):
+        raise fail(f"its radius is {light.radius:g} m; set it to 0 or more")
+    if isinstance(light, SpotLight):
+        if not 0 < light.half_angle <= np.pi / 2 * (1 + 1e-6):
+            angle = np.degrees(2 * light.half_angle)
+            raise fail(f"its spot size is {angle:g} degrees; set it above 0 and to 180 at most")
+        if not 0 <= light.blend <= 1:
+            raise fail(f"its spot blend is {light.blend:g}; set it between 0 and 1")
+    if isinstance(light, AreaLight):
+        if not (np.isfinite(light.size_x) and np.isfinite(light.size_y) and min(light.size_x, light.size_y) >= 0):
+            raise fail(f"its size is {light.size_x:g} x {light.size_y:g} m; set both to 0 or more")
+        if not 0 < light.spread <= np.pi * (1 + 1e-6):
+            raise fail(f"its spread is {np.degrees(light.spread):g} degrees; set it above 0 and to 180 at most")
+    if isinstance(light, SunLight) and not 0 <= light.angle <= np.pi * (1 + 1e-6):
+        raise fail(f"its angle is {np.degrees(light.angle):g} degrees; set it between 0 and 180")
+
+
+def _check_world(world: World) -> None:
+    color = np.asarray(world.color, np.float64)
+    if color.shape != (3,) or not np.all(np.isfinite(color)):
+        raise SceneError(f"the world: its colour is {_text(color)}; set it to three finite numbers")
+    if np.any(color < 0):
+        raise SceneError(f"the world: its colour is negative {_text(color)}; set every channel to 0 or more")
+    rotation = np.asarray(world.rotation)
+    if rotation.shape != (3, 3) or not np.all(np.isfinite(rotation)):
+        raise SceneError("the world: its rotation is not finite; check the mapping of its image")
+    if world.image is None:
+        return
+    if not isinstance(world.image, np.ndarray) or world.image.ndim != 3 or world.image.shape[2] != 3:
+        raise SceneError(f"the world: its image has the shape {np.shape(world.image)}, it must be (height, width, 3)")
+    if world.image.dtype != np.float32:
+        raise SceneError(f"the world: its image holds {world.image.dtype} values, it must hold float32")
+    height, width, _ = world.image.shape
+    if not height or not width:
+        raise SceneError(f"the world: its image has {width} x {height} pixels; load it again or choose another")
+    bad = _first_bad_row(world.image.reshape(-1, 3))
+    if bad is not None:
+        raise SceneError(
+            f"the world: pixel ({bad % width}, {bad // width}) of its image, counted from the bottom left, is not "
+            "finite; repair the image or choose another"
+        )
+
+
+def _check_transform(who: str, transform: np.ndarray) -> np.ndarray:
+    """Gives back the (3, 4) float64 matrix."""
+    matrix = np.asarray(transform, np.float64)
+    if matrix.shape != (3, 4):
+        raise SceneError(f"{who}: its transform has the shape {matrix.shape}, it must be (3, 4)")
+    if not np.all(np.isfinite(matrix)):
+        raise SceneError(
+            f"{who}: its transform holds values that are not finite; "
+            "check its location, rotation, scale, drivers and parents"
+        )
+    return matrix
+
+
+def _check_array(
+    kind: str, name: str, what: str, value: np.ndarray, shape: tuple[int | None, ...], dtype: type
+) -> None:
+    """The type and shape of one array; None in `shape` stands for any length."""
+    if not isinstance(value, np.ndarray):
+        raise scene_error(kind, name, f"{what} is a {type(value).__name__}, it must be a numpy array")
+    fits = value.ndim == len(shape) and all(
+        want is None or want == have for want, have in zip(shape, value.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("n" if length is None else str(length) for length in shape)
+        raise scene_error(kind, name, f"{what} has the shape {value.shape}, it must be ({wanted})")
+    if value.dtype != dtype:
+        raise scene_error(kind, name, f"{what} holds {value.dtype} values, it must hold {np.dtype(dtype)}")
+
+
+def _first_bad_row(rows: np.ndarray) -> int | None:
+    """Index of the first row of an (n, k) array that holds a NaN or an infinity, None if there is none.
+
+    A sum in float64 over float32 values cannot overflow, and it is a NaN or an infinity exactly if one of them is:
+    one pass without temporaries decides the usual case.
+    """
+    with np.errstate(invalid="ignore"):
+        total = np.add.reduce(rows, axis=None, dtype=np.float64)
+    if np.isfinite(total):
+        return None
+    finite = np.isfinite(rows).all(axis=1)
+    return None if finite.all() else int(np.argmin(finite))
+
+
+def _text(value: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in value.ravel()) + ")"

@@ -1,0 +1,87 @@
+"""The package with its wheels, installed and run by a Blender program instead of the bpy module.
+
+Set LOBE_BLENDER to a command that runs Blender (4.2 or newer); without it these tests are skipped.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tools.package import build_package, this_platform
+
+BLENDER = shlex.split(os.environ.get("LOBE_BLENDER", "")) or [path for path in [shutil.which("blender")] if path]
+
+# Blender 4.4 and older can't read what bpy 5.0 writes, so the program under test makes the file itself.
+MAKE_FILE = """
+import bpy
+scene = bpy.context.scene
+scene.render.engine = "CYCLES"  # -E LOBE has to change it
+for thing in list(bpy.data.objects):
+    if thing.type != "CAMERA":
+        bpy.data.objects.remove(thing)
+scene.world.use_nodes = True
+scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (1, 1, 1, 1)
+scene.render.resolution_x, scene.render.resolution_y = 32, 24
+scene.render.image_settings.file_format = "OPEN_EXR"
+scene.render.image_settings.color_mode = "RGBA"
+scene.lobe.samples = 4
+CHANGE
+bpy.ops.wm.save_as_mainfile(filepath=PATH)
+"""
+
+pytestmark = pytest.mark.skipif(not BLENDER, reason="no Blender program: set LOBE_BLENDER to a command that runs one")
+
+
+@pytest.fixture(scope="module")
+def blender(tmp_path_factory) -> Callable[..., str]:
+    """A function that runs Blender, with the packed extension installed into a user folder of its own."""
+    user = tmp_path_factory.mktemp("user")
+    environment = {**os.environ, "BLENDER_USER_RESOURCES": str(user)}
+    environment.pop("LOBE_CACHE_DIR", None)  # as a user has it
+
+    def run(*arguments: str | Path, code: int = 0) -> str:
+        done = subprocess.run([*BLENDER, *map(str, arguments)], env=environment, capture_output=True, text=True)
+        assert done.returncode == code, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    said = run("-b", "--factory-startup", "--python-expr", "import sys; print('PYTHON %d.%d' % sys.version_info[:2])")
+    python = next(line.split()[1] for line in said.splitlines() if line.startswith("PYTHON"))
+    wheels = Path(os.environ.get("LOBE_WHEELS", tmp_path_factory.mktemp("wheels")))
+    package = build_package(tmp_path_factory.mktemp("package"), [this_platform()], [python], wheels)
+    assert "Installed" in run("--command", "extension", "install-file", "-r", "user_default", "-e", package)
+    return run
+
+
+def make_file(blender: Callable[..., str], path: Path, change: str = "") -> None:
+    script = path.with_suffix(".py")
+    script.write_text(MAKE_FILE.replace("CHANGE", change).replace("PATH", "__file__.replace('.py', '.blend')"))
+    blender("-b", "--python-exit-code", "1", "--python", script)
+
+
+def test_a_file_renders_from_the_command_line(blender, tmp_path) -> None:
+    import OpenImageIO as oiio
+
+    make_file(blender, tmp_path / "white.blend")
+    said = blender("-b", tmp_path / "white.blend", "-E", "LOBE", "-o", tmp_path / "out", "-f", "1")
+    assert "Error" not in said, said
+    image = oiio.ImageInput.open(str(tmp_path / "out0001.exr"))
+    pixels = image.read_image("float")
+    metadata = image.spec().get_string_attribute("lobe.samples")
+    image.close()
+    assert pixels.shape == (24, 32, 4)
+    assert np.allclose(pixels, 1.0, rtol=1e-3)
+    assert metadata == "4"
+
+
+def test_a_scene_without_a_camera_says_so(blender, tmp_path) -> None:
+    make_file(blender, tmp_path / "blind.blend", "scene.camera = None")
+    said = blender("-b", tmp_path / "blind.blend", "-E", "LOBE", "-o", tmp_path / "out", "-f", "1", code=1)
+    assert "Cannot render, no camera" in said

@@ -1,0 +1,122 @@
+"""Enabling and disabling the add-on: quick, complete, and without a trace afterwards."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import addon_utils
+import bpy
+import pytest
+
+from engine import CHOICES, RANGES, Settings
+from tools.lobe_blender import MODULE, build, product_files
+
+HEAVY = ("numba", "llvmlite", "embreex", "OpenImageIO", "scipy")
+
+# Run in a Python of its own: what enabling imports and how long it takes.
+ENABLE = f"""
+import json, os, sys, time
+sys.path.insert(0, {str(Path(__file__).resolve().parents[2])!r})
+from tools.lobe_blender import enable_lobe, install
+os.environ["BLENDER_USER_RESOURCES"] = str(install())
+import bpy
+start = time.perf_counter()
+enable_lobe()
+seconds = time.perf_counter() - start
+bpy.context.scene.render.engine = "LOBE"
+print(json.dumps([seconds, [name for name in {HEAVY!r} if name in sys.modules], bpy.context.scene.lobe.samples]))
+"""
+
+
+def snapshot() -> dict[str, object]:
+    """All that an add-on may leave behind in Blender."""
+    menu = bpy.types.NODE_MT_category_shader_shader
+    panels = [cls for cls in _subclasses(bpy.types.Panel) if hasattr(cls, "COMPAT_ENGINES")]
+    return {
+        "types": sorted(name for name in dir(bpy.types) if "lobe" in name.lower()),
+        "property": hasattr(bpy.types.Scene, "lobe"),
+        "panels": sorted({cls.__name__ for cls in panels if "LOBE" in cls.COMPAT_ENGINES and cls.is_registered}),
+        "menu": len(getattr(menu.draw, "_draw_funcs", [menu.draw])),
+        "handlers": [len(value) for value in map(bpy.app.handlers.__getattribute__, dir(bpy.app.handlers))
+                     if isinstance(value, list)],
+        "engine": any(getattr(cls, "bl_idname", "") == "LOBE" and cls.is_registered
+                      for cls in bpy.types.RenderEngine.__subclasses__()),
+    }  # fmt: skip
+
+
+def _subclasses(cls: type):
+    for sub in cls.__subclasses__():
+        yield sub
+        yield from _subclasses(sub)
+
+
+@pytest.fixture
+def disabled():
+    addon_utils.disable(MODULE)
+    yield
+    addon_utils.enable(MODULE, default_set=True)
+
+
+def test_enabling_is_quick_and_loads_no_compiler() -> None:
+    done = subprocess.run([sys.executable, "-c", ENABLE], capture_output=True, text=True, check=True)
+    seconds, heavy, samples = json.loads(done.stdout.splitlines()[-1])
+    assert heavy == []
+    assert seconds < 0.3
+    assert samples == Settings().samples
+
+
+def test_enabling_twenty_times_leaves_nothing_behind(disabled) -> None:
+    before = snapshot()
+    assert not before["types"] and not before["property"] and not before["panels"] and not before["engine"]
+    for _ in range(20):
+        assert addon_utils.enable(MODULE) is not None
+        enabled = snapshot()
+        assert enabled["property"] and enabled["engine"] and "LOBE_RENDER_PT_sampling" in enabled["types"]
+        assert "EEVEE_MATERIAL_PT_surface" in enabled["panels"]
+        addon_utils.disable(MODULE)
+    assert snapshot() == before
+
+
+def test_a_failing_registration_is_undone(disabled, monkeypatch) -> None:
+    addon = sys.modules[f"{MODULE}.addon"]
+    before = snapshot()
+
+    def fail() -> None:
+        raise RuntimeError("on purpose")
+
+    monkeypatch.setattr(addon.ui, "register", fail)
+    with pytest.raises(RuntimeError, match="on purpose"):
+        addon.register()
+    assert snapshot() == before
+
+
+def test_settings_mirror_the_engine() -> None:
+    properties = bpy.types.Scene.bl_rna.properties["lobe"].fixed_type.properties
+    shown = {rna.identifier for rna in properties if rna.identifier not in ("rna_type", "name")}
+    assert shown == {name for name in Settings.__dataclass_fields__ if name != "threads"}
+    for key in shown:
+        rna = properties[key]
+        assert rna.description and not rna.description.endswith("."), key
+        if key in CHOICES:
+            assert tuple(rna.enum_items.keys()) == CHOICES[key]
+            assert all(item.description for item in rna.enum_items)
+        assert getattr(bpy.context.scene.lobe, key) == pytest.approx(getattr(Settings(), key))
+        if key in RANGES:
+            low, high = RANGES[key]
+            assert rna.hard_min >= low or rna.hard_min == pytest.approx(low), key  # float32 rounds
+            assert rna.hard_max <= high or rna.hard_max == pytest.approx(high), key
+
+
+def test_package_holds_the_product_and_nothing_else(tmp_path: Path, repository: Path) -> None:
+    import zipfile
+
+    package = tmp_path / "lobe.zip"
+    build(package)
+    names = set(zipfile.ZipFile(package).namelist())
+    product = {path.relative_to(repository).as_posix() for path in product_files()}
+    assert product <= names
+    assert names - product <= {"README.md", "LICENSE"}
+    assert not any(name.startswith(("tests", "tools", "benchmarks", "sample_blends", ".")) for name in names)

@@ -1,0 +1,232 @@
+"""The world: colours, environment images in Blender's orientation, against Cycles' picture of them."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from bl_ext.user_default.lobe import engine
+from bl_ext.user_default.lobe.addon.export import export_scene
+
+from tests.blender.export_checks import add_camera, cycles_picture, depsgraph, node_tree
+
+WIDTH, HEIGHT = 32, 16
+
+
+def new_world():
+    """A world with a Background node; gives back its tree and the node."""
+    world = bpy.context.scene.world = bpy.data.worlds.new("World")
+    tree = node_tree(world)
+    tree.nodes.clear()
+    background = tree.nodes.new("ShaderNodeBackground")
+    output = tree.nodes.new("ShaderNodeOutputWorld")
+    tree.links.new(background.outputs[0], output.inputs["Surface"])
+    return tree, background
+
+
+def add_environment(tree, background, image=None):
+    node = tree.nodes.new("ShaderNodeTexEnvironment")
+    node.image = image
+    tree.links.new(node.outputs["Color"], background.inputs["Color"])
+    return node
+
+
+def smooth_image(width: int = 64, height: int = 32):
+    """A float image whose every direction has a colour of its own."""
+    image = bpy.data.images.new("Sky", width, height, float_buffer=True)
+    u = (np.arange(width) + 0.5) / width * 2 * np.pi
+    v = (np.arange(height)[:, None] + 0.5) / height
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., 0] = (1.5 + np.cos(u)) * np.sin(np.pi * v) + 0.2
+    pixels[..., 1] = (1.5 + np.sin(u)) * np.sin(np.pi * v) + 0.2
+    pixels[..., 2] = 0.2 + v
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    return image
+
+
+def panorama_camera():
+    """An equirectangular view whose middle is +x, as in an unrotated environment image."""
+    add_camera((0, 0, 0), (np.pi / 2, 0, -np.pi / 2), type="PANO", panorama_type="EQUIRECTANGULAR")
+
+
+def directions() -> np.ndarray:
+    """(HEIGHT, WIDTH, 3) of the pixels of that view."""
+    azimuth = (0.5 - (np.arange(WIDTH) + 0.5) / WIDTH) * 2 * np.pi
+    height = (((np.arange(HEIGHT) + 0.5) / HEIGHT - 0.5) * np.pi)[:, None]
+    parts = np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height) + 0 * azimuth
+    return np.stack(parts, axis=-1)
+
+
+def radiance(world, d: np.ndarray) -> np.ndarray:
+    """What engine.World says that it shines with."""
+    if world.image is None:
+        return np.broadcast_to(world.color, d.shape)
+    d = d @ world.rotation.T
+    rows, columns, _ = world.image.shape
+    x = (np.arctan2(d[..., 1], -d[..., 0]) / np.pi + 1) / 2 * columns - 0.5
+    y = np.arccos(np.clip(-d[..., 2], -1, 1)) / np.pi * rows - 0.5
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - x0)[..., None], (y - y0)[..., None]
+
+    def texel(i, j):
+        return world.image[np.clip(j, 0, rows - 1), i % columns]
+
+    low = (1 - fx) * texel(x0, y0) + fx * texel(x0 + 1, y0)
+    high = (1 - fx) * texel(x0, y0 + 1) + fx * texel(x0 + 1, y0 + 1)
+    return world.color * ((1 - fy) * low + fy * high)
+
+
+def assert_as_in_cycles(folder, tolerance: float = 0.01):
+    panorama_camera()
+    expected = radiance(export_scene(depsgraph()).world, directions())
+    picture = cycles_picture(WIDTH, HEIGHT, 64, folder)
+    inside = slice(1, -1)  # The rows at the poles wrap around in Cycles and not here.
+    assert np.abs(picture - expected)[inside].max() < tolerance * expected.max()
+
+
+def test_no_world_is_black():
+    add_camera()
+    bpy.context.scene.world = None
+    assert export_scene(depsgraph()).world.color == (0, 0, 0)
+
+
+def test_constant(tmp_path):
+    _, background = new_world()
+    background.inputs["Color"].default_value = (0.2, 0.4, 0.6, 1)
+    background.inputs["Strength"].default_value = 2.0
+    add_camera()
+    assert export_scene(depsgraph()).world.color == pytest.approx((0.4, 0.8, 1.2))
+    assert_as_in_cycles(tmp_path)
+
+
+def test_unrotated_image(tmp_path):
+    tree, background = new_world()
+    background.inputs["Strength"].default_value = 0.5
+    add_environment(tree, background, smooth_image())
+    assert_as_in_cycles(tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["POINT", "TEXTURE", "VECTOR", "NORMAL"])
+@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 2, 2), (-1, 1, 1)])
+def test_mapping(kind, scale, tmp_path):
+    tree, background = new_world()
+    node = add_environment(tree, background, smooth_image())
+    coordinates, mapping = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMapping")
+    mapping.vector_type = kind
+    mapping.inputs["Rotation"].default_value = (0.5, -0.3, 2.0)
+    mapping.inputs["Scale"].default_value = scale
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], node.inputs["Vector"])
+    assert_as_in_cycles(tmp_path, 0.03)
+    assert export_scene(depsgraph()).warnings == ["camera 'Camera': type pano is not supported, drawn as perspective"]
+
+
+def test_colour_nodes_change_the_pixels(tmp_path):
+    tree, background = new_world()
+    node = add_environment(tree, background, smooth_image())
+    hue = tree.nodes.new("ShaderNodeHueSaturation")
+    hue.inputs["Saturation"].default_value, hue.inputs["Value"].default_value = 0.5, 1.5
+    tree.links.new(node.outputs["Color"], hue.inputs["Color"])
+    tree.links.new(hue.outputs["Color"], background.inputs["Color"])
+    assert_as_in_cycles(tmp_path, 0.02)
+
+
+def test_byte_image_is_srgb(tmp_path):
+    tree, background = new_world()
+    image = bpy.data.images.new("Grey", 4, 2)
+    image.pixels.foreach_set(np.tile(np.array([0.5, 0.25, 1.0, 1.0], np.float32), 8))
+    image.pack()
+    add_environment(tree, background, image)
+    assert_as_in_cycles(tmp_path)
+
+
+@pytest.mark.parametrize("suffix, space", [("png", "sRGB"), ("exr", "Linear Rec.709"), ("png", "Non-Color")])
+def test_image_file(suffix, space, tmp_path):
+    import OpenImageIO as oiio
+
+    path = str(tmp_path / f"sky.{suffix}")
+    pixels = np.linspace(0.1, 0.9, 32 * 8 * 3, dtype=np.float32).reshape(32, 8, 3)
+    file = oiio.ImageOutput.create(path)
+    file.open(path, oiio.ImageSpec(8, 32, 3, "float" if suffix == "exr" else "uint8"))
+    file.write_image(pixels)
+    file.close()
+    tree, background = new_world()
+    image = bpy.data.images.load(path)
+    image.colorspace_settings.name = space
+    add_environment(tree, background, image)
+    panorama_camera()
+    world = export_scene(depsgraph()).world
+    if space != "sRGB":
+        assert world.image == pytest.approx(pixels[::-1], abs=0.003)  # Row 0 is at the bottom.
+    assert_as_in_cycles(tmp_path)
+
+
+def test_broken_pixels_are_black():
+    tree, background = new_world()
+    image = bpy.data.images.new("Broken", 2, 2, float_buffer=True)
+    image.pixels.foreach_set(np.array([np.nan, np.inf, -1, 1, *[0.5] * 12], np.float32))
+    image.pack()
+    add_environment(tree, background, image)
+    add_camera()
+    scene = export_scene(depsgraph())
+    scene.validate()
+    assert scene.world.image.min() == 0 and scene.world.image.max() == pytest.approx(0.5, rel=1e-3)
+
+
+def test_missing_image_is_magenta_and_named():
+    tree, background = new_world()
+    image = bpy.data.images.new("lost.hdr", 4, 2)
+    image.source, image.filepath = "FILE", "//lost.hdr"
+    add_environment(tree, background, image)
+    add_camera()
+    scene = export_scene(depsgraph())
+    assert scene.world.color == (1.0, 0.0, 1.0) and scene.world.image is None
+    assert scene.warnings == ["world 'World': image 'lost.hdr' is missing, drawn magenta"]
+
+
+def test_environment_node_without_image():
+    tree, background = new_world()
+    add_environment(tree, background)
+    add_camera()
+    scene = export_scene(depsgraph())
+    assert scene.world.color == (1.0, 0.0, 1.0)
+    assert scene.warnings == ["world 'World': Environment Texture has no image, drawn magenta"]
+
+
+def test_sky_is_a_constant_and_named():
+    tree, background = new_world()
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    tree.links.new(sky.outputs["Color"], background.inputs["Color"])
+    add_camera()
+    scene = export_scene(depsgraph())
+    assert min(scene.world.color) > 0
+    assert scene.warnings == ["world 'World': Sky Texture is not supported, its average colour is drawn"]
+
+
+def test_what_lights_the_scene_counts_for_mixes_by_ray():
+    """A backdrop for the camera alone: the other side of the mix lights."""
+    tree, light = new_world()
+    light.inputs["Color"].default_value = (0.5, 0.5, 0.5, 1)
+    backdrop, mix = tree.nodes.new("ShaderNodeBackground"), tree.nodes.new("ShaderNodeMixShader")
+    path = tree.nodes.new("ShaderNodeLightPath")
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputWorld")
+    backdrop.inputs["Color"].default_value = (0, 1, 0, 1)
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    tree.links.new(light.outputs[0], mix.inputs[1])
+    tree.links.new(backdrop.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    add_camera()
+    scene = export_scene(depsgraph())
+    assert scene.world.color == pytest.approx((0.5, 0.5, 0.5))
+    assert scene.warnings == ["world 'World': Light Path is not supported, 'Is Camera Ray' counts as 0"]
+
+
+def test_visibility():
+    new_world()
+    add_camera()
+    flags = bpy.context.scene.world.cycles_visibility
+    flags.camera = flags.glossy = False
+    visibility = export_scene(depsgraph()).world.visibility
+    assert not visibility & (engine.Visibility.CAMERA | engine.Visibility.GLOSSY)
+    assert visibility & engine.Visibility.DIFFUSE

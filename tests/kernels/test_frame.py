@@ -1,0 +1,126 @@
+"""Vectors, frames and the elementary functions against float64."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from engine.kernels.geom import elementary, frame, vec
+from engine.kernels.jit import kernel
+from tests.kernels import chi2
+
+f32 = np.float32
+
+
+@kernel
+def frames(normals, out):
+    """Rows x, y of the frame of each normal, and a vector taken to the world and back."""
+    for i in range(len(normals)):
+        n = (normals[i, 0], normals[i, 1], normals[i, 2])
+        x, y = frame.basis(n)
+        v = (f32(0.1), f32(-0.7), f32(0.5))
+        w = frame.to_world(v, n)
+        back = frame.to_local(w, n)
+        for k in range(3):
+            out[i, 0, k], out[i, 1, k], out[i, 2, k], out[i, 3, k] = x[k], y[k], w[k], back[k]
+
+
+def test_frames_are_orthonormal_and_right_handed_everywhere():
+    rng = np.random.default_rng(3)
+    normals = rng.normal(size=(20_000, 3))
+    normals[:5000, :2] *= 1e-4  # about the poles
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    special = [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0), (1e-20, 0, -1), (0, 1e-7, -1), (1, 0, -0.0)]
+    normals = np.concatenate([normals, special]).astype(np.float32)
+    out = np.empty((len(normals), 4, 3), np.float32)
+    frames(normals, out)
+    assert np.isfinite(out).all()
+    rows = np.concatenate([out[:, :2], normals[:, None]], axis=1).astype(np.float64)
+    assert np.abs(rows @ rows.transpose(0, 2, 1) - np.eye(3)).max() < 1e-6
+    assert np.linalg.det(rows).min() > 0.999
+    v = np.array([0.1, -0.7, 0.5])
+    assert np.abs(out[:, 2] - np.einsum("nij,i->nj", rows, v)).max() < 1e-6
+    assert np.abs(out[:, 3] - v).max() < 1e-6
+
+
+@kernel
+def elementary_values(x, u, angle, out):
+    for i in range(len(x)):
+        out[i, 0] = elementary.log_one_minus(x[i])
+        out[i, 1] = elementary.one_minus_exp(-angle[i])
+        out[i, 2], out[i, 3] = elementary.sin_cos_turn(u[i])
+
+
+def test_elementary_functions():
+    rng = np.random.default_rng(5)
+    count = 100_000
+    x = np.where(rng.random(count) < 0.5, rng.random(count), 10.0 ** rng.uniform(-12, 0, count)).astype(np.float32)
+    x = np.minimum(x, f32(1 - 2**-24))
+    t = (10.0 ** rng.uniform(-12, 2, count)).astype(np.float32)
+    u = np.concatenate([rng.random(count - 5), [0, 0.25, 0.5, 0.75, 1]]).astype(np.float32)
+    out = np.empty((count, 4), np.float32)
+    elementary_values(x, u, t, out)
+    wide = (a.astype(np.float64) for a in (x, t, u))
+    x, t, u = wide
+    assert np.abs(out[:, 0] / np.log1p(-x) - 1).max() < 3e-7
+    assert np.abs(out[:, 1] / -np.expm1(-t) - 1).max() < 3e-7
+    assert np.abs(out[:, 2] - np.sin(2 * np.pi * u)).max() < 3e-7
+    assert np.abs(out[:, 3] - np.cos(2 * np.pi * u)).max() < 3e-7
+
+
+@kernel
+def vector_values(a, b):
+    return (
+        vec.add(a, b),
+        vec.sub(a, b),
+        vec.mul(a, b),
+        vec.scale(a, b[0]),
+        vec.add_scaled(a, b, a[1]),
+        vec.negate(a),
+        vec.cross(a, b),
+        vec.normalize(a),
+        vec.reflect(a, vec.normalize(b)),
+        vec.flip_towards(a, b),
+    )
+
+
+def test_vectors():
+    a, b = np.array([0.2, -1.5, 3.0]), np.array([-0.7, 0.1, 0.4])
+    n = b / np.linalg.norm(b)
+    expected = [a + b, a - b, a * b, a * b[0], a + b * a[1], -a, np.cross(a, b), a / np.linalg.norm(a)]
+    expected += [2 * (a @ n) * n - a, a if a @ b >= 0 else -a]
+    for result, wanted in zip(vector_values(chi2.vec(a), chi2.vec(b)), expected, strict=True):
+        assert result == pytest.approx(wanted, rel=1e-6)
+
+
+@kernel
+def scalar_values(a):
+    unit, distance = vec.direction_and_length(a)
+    return (
+        vec.length(a),
+        vec.length_squared(a),
+        distance,
+        unit[0],
+        vec.average(a),
+        vec.max_component(a),
+        vec.luminance(a),
+        vec.normalize(a)[0],
+    )
+
+
+def test_scalars_of_vectors():
+    a = np.array([2.0, 3.0, 6.0])
+    assert scalar_values(chi2.vec(a)) == pytest.approx(
+        [7, 49, 7, 2 / 7, 11 / 3, 6, a @ (0.2126, 0.7152, 0.0722), 2 / 7], rel=1e-6
+    )
+    assert scalar_values(chi2.vec((0, 0, 0))) == (0,) * 8
+
+
+def test_single_precision():
+    v, s = chi2.vec((0.6, 0, 0.8)), f32(0.5)
+    for function in (vec.normalize, vec.direction_and_length, vec.length, vec.average, vec.luminance, frame.basis):
+        chi2.assert_single_precision(function, v)
+    for function in (vec.add, vec.dot, vec.cross, vec.reflect, vec.flip_towards, frame.to_world, frame.to_local):
+        chi2.assert_single_precision(function, v, v)
+    for function in (elementary.log_one_minus, elementary.one_minus_exp, elementary.sin_cos_turn):
+        chi2.assert_single_precision(function, s)

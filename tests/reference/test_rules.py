@@ -1,0 +1,259 @@
+"""The rules that both roads follow where no formula of physics decides: visibility, transparency, clamping, film."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scenes
+
+from engine.scene import AreaLight, Camera, Material, PointLight, Scene, SunLight, Visibility, World
+
+ONE = (1.0, 1.0, 1.0)
+WHITE = Material("white", kd=ONE)
+BLACK = Material("black")
+DIFFUSE, GLOSSY, CAMERA, SHADOW, ALL = (
+    Visibility.DIFFUSE,
+    Visibility.GLOSSY,
+    Visibility.CAMERA,
+    Visibility.SHADOW,
+    Visibility.ALL,
+)
+UP = scenes.place((0, 0, 2))
+
+
+def roofed(roof: Material, visibility: Visibility = ALL, light=None) -> Scene:
+    """A white plate lit from above through a roof at z = 1."""
+    scene = scenes.lit_plate([light or PointLight("lamp", UP, intensity=(4 * np.pi,) * 3)], WHITE)
+    scene.materials.append(roof)
+    mesh = scenes.quad_mesh((-0.5, -0.5, 1), (1, 0, 0), (0, 1, 0), "roof")
+    scene.add_instance(mesh, materials=(1,), visibility=visibility)
+    return scene
+
+
+# Shadows and transparency
+
+
+def test_roof_casts_a_shadow(measure):
+    measure(roofed(BLACK), max_bounces=0).check(0)
+
+
+@pytest.mark.parametrize("light", ["point", "area"])
+def test_transparent_roof_dims_the_shadow(measure, light):
+    lamp = None
+    if light == "area":
+        lamp = AreaLight("lamp", UP, radiance=(4 * np.pi / 0.01**2,) * 3, size_x=0.01, size_y=0.01)
+    scene = roofed(Material("film", transparency=(0.5, 0.25, 0.0)), light=lamp)
+    measure(scene, max_bounces=0).check((0.5, 0.25, 0.0), slack=1e-4)
+
+
+def test_roof_hidden_from_shadow_rays(measure):
+    scene = roofed(BLACK, ALL & ~SHADOW, AreaLight("lamp", UP, radiance=(4 * np.pi,) * 3, size_x=1.0, size_y=1.0))
+    free = scenes.lit_plate(scene.lights, WHITE)
+    measure(scene, samples=128, max_bounces=0).check_same(measure(free, samples=128, max_bounces=0))
+
+
+@pytest.mark.parametrize("ks", [0.0, 0.5])
+def test_lamp_that_casts_no_shadow(measure, ks):
+    lamp = AreaLight("lamp", UP, radiance=(np.pi,) * 3, cast_shadow=False)
+    scene = roofed(BLACK, ALL, lamp)
+    scene.materials[0] = Material("plate", kd=(0.5,) * 3, ks=(ks,) * 3, exponent=20)
+    free = scenes.lit_plate([lamp], scene.materials[0])
+    measure(scene, samples=128, max_bounces=0).check_same(measure(free, samples=128, max_bounces=0))
+
+
+def test_camera_looks_through_transparent_layers(measure):
+    """Four layers before a white world, each adding its own emission."""
+    scene = Scene(width=4, height=4, camera=scenes.camera(half_width=0.1), world=World(color=ONE))
+    scene.materials = [Material("film", emission=(0.1,) * 3, transparency=(0.9, 0.5, 0.0))]
+    for y in range(1, 5):
+        scene.add_instance(scenes.quad_mesh((-9, y, -9), (18, 0, 0), (0, 0, 18), f"film {y}"))
+    t = np.array([0.9, 0.5, 0.0])
+    measure(scene, samples=1024).check(t**4 + 0.1 * (1 + t + t**2 + t**3))
+
+
+def test_passing_through_is_no_bounce(measure):
+    """A furnace with an object of pure transparency in it stays a furnace at every bounce limit."""
+    scene = scenes.furnace()
+    scene.materials.append(Material("air", transparency=ONE))
+    scene.add_instance(scenes.sphere_mesh(12, 0.4, name="bubble"), materials=(1,))
+    measure(scene, samples=64, max_bounces=1).check(0.875)
+
+
+# Visibility
+
+
+@pytest.mark.parametrize("bits", [ALL & ~CAMERA, Visibility(0)], ids=str)
+def test_object_hidden_from_the_camera(measure, bits):
+    scene = Scene(width=4, height=4, camera=scenes.camera(half_width=0.1), world=World(color=(0.25,) * 3))
+    scene.materials = [Material("lamp", emission=ONE)]
+    scene.add_instance(scenes.quad_mesh((-9, 1, -9), (18, 0, 0), (0, 0, 18)), visibility=bits)
+    measure(scene).check(0.25)
+
+
+def lamp_over(material: Material, lamp) -> Scene:
+    scene = scenes.lit_plate([], material)
+    if isinstance(lamp, World):
+        scene.world = lamp
+    elif isinstance(lamp, Visibility):
+        scene.materials.append(Material("lamp", emission=(5.0,) * 3))
+        scene.add_instance(scenes.quad_mesh((-1, -1, 2), (2, 0, 0), (0, 2, 0)), materials=(1,), visibility=lamp)
+    else:
+        scene.lights = [lamp]
+    return scene
+
+
+LAMPS = {
+    "point": lambda v: PointLight("lamp", UP, v, intensity=(9.0,) * 3),
+    "sphere": lambda v: PointLight("lamp", UP, v, intensity=(9.0,) * 3, radius=0.5),
+    "area": lambda v: AreaLight("lamp", UP, v, radiance=(5.0,) * 3, size_x=2.0, size_y=2.0),
+    "sun": lambda v: SunLight("lamp", UP, v, irradiance=(5.0,) * 3, angle=0.5),
+    "world": lambda v: World(color=ONE, visibility=v),
+    "mesh": lambda v: v,
+}
+
+
+@pytest.mark.parametrize("kind", LAMPS)
+@pytest.mark.parametrize("hidden", [DIFFUSE, GLOSSY], ids=str)
+def test_lamp_hidden_from_one_lobe_lights_the_other(measure, kind, hidden):
+    both = Material("both", kd=(0.5, 0.2, 0.1), ks=(0.1, 0.2, 0.4), exponent=8)
+    other = replace(both, kd=(0, 0, 0)) if hidden is DIFFUSE else replace(both, ks=(0, 0, 0))
+    seen = measure(lamp_over(both, LAMPS[kind](ALL & ~hidden)), samples=64, max_bounces=0)
+    seen.check_same(measure(lamp_over(other, LAMPS[kind](ALL)), samples=64, max_bounces=0))
+
+
+@pytest.mark.parametrize("kind", ["sphere", "area", "sun", "world"])
+@pytest.mark.parametrize("visible", [True, False])
+def test_camera_sees_a_lamp_if_it_may(measure, kind, visible):
+    lamp = LAMPS[kind](ALL if visible else ALL & ~CAMERA)
+    scene = Scene(width=4, height=4, camera=scenes.camera(towards=(0, 0, 1), half_width=0.01))
+    if kind == "world":
+        scene.world = lamp
+    else:
+        scene.lights = [lamp]
+    radiance = {"sphere": 9 / (np.pi * 0.25), "area": 5, "sun": 5 / (np.pi * np.sin(0.25) ** 2), "world": 1}[kind]
+    measure(scene, samples=4).check(radiance * visible)
+
+
+def test_lamps_are_no_obstacles(measure):
+    """The camera looks at the world through a lamp that adds its light."""
+    scene = Scene(width=4, height=4, camera=scenes.camera(towards=(0, 0, 1), half_width=0.01), world=World(color=ONE))
+    scene.lights = [LAMPS["area"](ALL)]
+    measure(scene, samples=4).check(6)
+
+
+# Film
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+def test_alpha(measure, transparent):
+    """A plate that half of the light passes, before a white world."""
+    scene = Scene(width=4, height=4, camera=scenes.camera(half_width=0.1), world=World(color=ONE))
+    scene.transparent_film = transparent
+    scene.materials = [Material("film", emission=(0.5,) * 3, transparency=(0.5,) * 3)]
+    scene.add_instance(scenes.quad_mesh((-9, 1, -9), (18, 0, 0), (0, 0, 18)))
+    picture = measure(scene, samples=64)
+    picture.check(0.5 if transparent else 1.0)
+    assert picture.alpha == pytest.approx(0.5 if transparent else 1.0, abs=1e-4)
+
+
+def test_transparent_film_still_lights(measure):
+    scene = scenes.plate(Material("grey", kd=(0.5,) * 3))
+    scene.world, scene.transparent_film = World(color=ONE), True
+    picture = measure(scene, samples=64)
+    picture.check(0.5)
+    assert picture.alpha == 1
+
+
+def test_exposure_scales_colour_and_not_alpha(measure):
+    scene = scenes.furnace()
+    scene.exposure = 3.0
+    picture = measure(scene, samples=64, max_bounces=1)
+    picture.check(3 * 0.875)
+    assert picture.alpha == 1
+
+
+def test_clamping_counts_one_scattering_as_direct(measure):
+    """In a furnace every contribution is known: Le, kd Le, kd^2 Le (the last two by two ways of sampling)."""
+    free = scenes.furnace()
+    measure(free, samples=64, max_bounces=1, clamp_indirect=100.0, clamp_direct=100.0).check(0.875)
+    clamped = measure(free, samples=64, max_bounces=1, clamp_direct=0.1, clamp_indirect=1e-6)
+    assert np.all(clamped.mean >= 0.1)
+    assert np.all(clamped.mean <= 0.31)
+
+
+def test_clamping_keeps_the_hue(measure):
+    scene = Scene(width=2, height=2, camera=scenes.camera(), world=World(color=(6.0, 3.0, 0.0)))
+    measure(scene, samples=2, clamp_direct=1.0).check((2.0, 1.0, 0.0))
+
+
+def test_empty_scene_shows_the_world(measure):
+    measure(Scene(width=4, height=4, camera=scenes.camera(), world=World(color=(1, 2, 3))), samples=2).check((1, 2, 3))
+
+
+def test_black_scene_is_black(measure):
+    measure(Scene(width=4, height=4, camera=scenes.camera()), samples=2).check(0)
+
+
+# Camera: four quarters of different brightness behind the picture
+
+
+def quarters(**camera) -> Scene:
+    scene = Scene(width=6, height=4, camera=Camera(transform=scenes.place(), **camera))
+    scene.materials = [Material(str(k), emission=(float(k),) * 3) for k in range(1, 5)]
+    for k, (x, y) in enumerate([(-9, -9), (0, -9), (-9, 0), (0, 0)]):
+        scene.add_instance(scenes.quad_mesh((x, y, -2), (9, 0, 0), (0, 9, 0), str(k)), materials=(k,))
+    return scene
+
+
+EXPECTED = np.array([[1, 1, 1, 2, 2, 2]] * 2 + [[3, 3, 3, 4, 4, 4]] * 2, float)  # row 0 at the bottom
+WINDOW = (-0.6, 0.6, -0.4, 0.4)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_picture_is_the_right_way_up(render, orthographic):
+    pixels = render(quarters(window=WINDOW, orthographic=orthographic), samples=4).pixels
+    assert pixels.shape == (4, 6, 4)
+    np.testing.assert_allclose(pixels[..., 0], EXPECTED, rtol=1e-6)
+
+
+def test_region_is_the_same_part_of_the_picture(render):
+    scene = quarters(window=WINDOW)
+    scene.region = (2, 1, 5, 4)
+    pixels = render(scene, samples=4).pixels
+    assert pixels.shape == (3, 3, 4)
+    np.testing.assert_allclose(pixels[..., 0], EXPECTED[1:4, 2:5], rtol=1e-6)
+
+
+def test_window_shifts_the_view(render):
+    pixels = render(quarters(window=(0.1, 1.3, 0.1, 0.9)), samples=4).pixels
+    np.testing.assert_allclose(pixels[..., 0], 4, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("clip", "seen"), [((1.9, 2.1), True), ((2.1, 9.0), False), ((0.1, 1.9), False)])
+def test_clipping(render, clip, seen):
+    pixels = render(quarters(window=WINDOW, clip_start=clip[0], clip_end=clip[1]), samples=4).pixels
+    np.testing.assert_allclose(pixels[..., 0], EXPECTED * seen, rtol=1e-6)
+
+
+def test_blackman_harris_reaches_filter_width_pixels(render):
+    """The edge between two brightnesses runs between two pixels: what crosses it is the filter's tail."""
+    sharp = render(quarters(window=WINDOW), samples=4).pixels[0, :, 0]
+    soft = render(quarters(window=WINDOW), samples=4096, pixel_filter="BLACKMAN_HARRIS", filter_width=1.5).pixels[
+        0, :, 0
+    ]
+    x = np.linspace(-1.5, 1.5, 100001)
+    t = 2 * np.pi * (x / 3 + 0.5)
+    window = 0.35875 - 0.48829 * np.cos(t) + 0.14128 * np.cos(2 * t) - 0.01168 * np.cos(3 * t)
+    tail = window[x > 0.5].sum() / window.sum()
+    np.testing.assert_allclose(soft, sharp + np.array([0, 0, tail, -tail, 0, 0]), atol=0.04)
+
+
+# Samples and stopping
+
+
+def test_same_seed_gives_the_same_picture(render):
+    a, b, c = (render(scenes.cornell(8), samples=4, seed=seed).pixels for seed in (7, 7, -3))
+    np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(a, c)

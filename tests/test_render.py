@@ -1,0 +1,137 @@
+"""The compiled road's schedule: bits don't depend on threads, a stop takes effect, nothing is left uncounted."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scenes
+
+from engine import Material, SceneError, Settings, SettingsError, Visibility, World, render
+
+QUICK = Settings(samples=8, threads=2)
+
+
+def picture(scene, **settings):
+    return render(scene, replace(QUICK, **settings)).pixels
+
+
+def test_same_bits_on_one_and_on_two_threads():
+    scene = scenes.cornell(48)
+    assert np.array_equal(picture(scene, threads=1), picture(scene, threads=2))
+
+
+def test_seed_changes_the_noise_and_only_that():
+    scene = scenes.cornell(32)
+    one, two = picture(scene, seed=1, samples=64), picture(scene, seed=2, samples=64)
+    assert not np.array_equal(one, two)
+    assert one.mean() == pytest.approx(two.mean(), rel=0.02)
+
+
+def test_region_is_the_same_part_of_the_whole():
+    scene = scenes.cornell(48)
+    whole = picture(scene)
+    scene.region = (8, 16, 40, 29)
+    assert np.array_equal(picture(scene), whole[16:29, 8:40])
+
+
+def test_stop_takes_effect_within_half_a_second_and_keeps_the_picture():
+    scene = scenes.cornell(256)
+    picture(scene, samples=1)
+    started = time.perf_counter()
+    stop = threading.Event()
+    threading.Timer(0.3, stop.set).start()
+    result = render(scene, replace(QUICK, samples=1 << 20), stop=stop.is_set)
+    assert time.perf_counter() - started < 0.8
+    assert result.stopped
+    assert result.pixels[..., :3].max() > 0
+
+
+def test_progress_ends_at_all_samples():
+    seen = []
+    render(scenes.cornell(64), replace(QUICK, samples=100), progress=lambda p: seen.append((p.samples, p.message)))
+    assert seen[0][1] == "building"
+    assert [s for s, _ in seen] == sorted(s for s, _ in seen)
+
+
+def test_time_limit_ends_the_render():
+    scene = scenes.cornell(128)
+    picture(scene, samples=1)
+    result = render(scene, replace(QUICK, samples=1 << 20, time_limit=0.3))
+    assert not result.stopped
+    assert 0 < result.samples < 1 << 20
+
+
+def test_adaptive_sampling_saves_samples_and_keeps_the_mean():
+    scene = scenes.cornell(32)
+    full = render(scene, replace(QUICK, samples=1024))
+    adapted = render(scene, replace(QUICK, samples=1024, use_adaptive_sampling=True, adaptive_threshold=0.1))
+    assert adapted.samples < 0.9 * full.samples
+    assert adapted.pixels.mean() == pytest.approx(full.pixels.mean(), rel=0.01)
+
+
+def test_report_counts_rays_and_names_what_was_skipped():
+    result = render(scenes.cornell(16), QUICK)
+    assert result.rejected == 0
+    assert result.rays > 16 * 16 * 8 * 2
+    assert any("Phong" in line for line in result.skipped)
+    assert set(result.seconds) == {"build", "compile", "render"}
+
+
+def test_baked_and_instanced_give_the_same_picture(monkeypatch):
+    import engine.pack.geometry as packing
+
+    scene = scenes.phong_plates(32)
+    scene.meshes[0].normals = None
+    ball = scenes.sphere_mesh(8, smooth=True, name="many")
+    for i, mirror in enumerate((1, -1, 1)):
+        matrix = np.column_stack([np.diag([0.2 * mirror, 0.3, 0.1 + 0.1 * i]), (i - 1.0, -0.5, 0.6)])
+        scene.add_instance(ball, matrix, materials=(1,), name=f"instance {i}")
+    baked = picture(scene, samples=256)
+    monkeypatch.setattr(packing, "BAKE_LIMIT", 0)
+    instanced = render(scene, replace(QUICK, samples=256))
+    assert not any("instance transforms" in line for line in instanced.skipped)
+    assert np.abs(instanced.pixels - baked).mean() < 0.01 * baked.mean()
+
+
+def test_transparent_film_has_no_alpha_where_nothing_is():
+    scene = scenes.lamp_room(["point"], 32)
+    scene.transparent_film = True
+    alpha = picture(scene)[..., 3]
+    assert alpha.min() == 0
+    assert alpha.max() == 1
+
+
+def test_transparent_material_lets_light_through():
+    scene = scenes.plate(Material("floor", kd=(0.5,) * 3))
+    scene.world = World(color=(1.0, 1.0, 1.0))
+    scene.materials.append(Material("film", transparency=(0.25, 0.5, 1.0)))
+    scene.add_instance(scenes.quad_mesh((-10, -10, 0.1), (20, 0, 0), (0, 20, 0), "film"), materials=(1,))
+    mean = picture(scene, samples=512, max_bounces=0)[..., :3].mean(axis=(0, 1))
+    # The film is passed twice: towards the floor by the light, and by the camera.
+    assert mean == pytest.approx(0.5 * np.array([0.25, 0.5, 1.0]) ** 2, rel=0.03)
+
+
+def test_bad_settings_and_scenes_are_refused():
+    with pytest.raises(SettingsError, match="setting 'samples' is 0: it must lie between 1 and"):
+        render(scenes.cornell(8), replace(QUICK, samples=0))
+    with pytest.raises(SceneError, match="no camera"):
+        scene = scenes.cornell(8)
+        scene.camera = None
+        render(scene, QUICK)
+
+
+def test_light_close_to_a_surface_is_not_blocked_by_itself():
+    """A 2 x 2 square 0.01 above a plate: below its middle it fills the sky. Lambert's formula for the polygon."""
+    scene = scenes.plate(Material("white", kd=(1.0,) * 3), towards=(0.0, 0.0, -1.0))
+    scene.materials.append(Material("lamp", emission=(1.0,) * 3))
+    # Seen only by light sampling and diffuse rays, so that the camera looks through it.
+    lamp = scenes.quad_mesh((-1, -1, 0.01), (2, 0, 0), (0, 2, 0), "lamp")
+    scene.add_instance(lamp, materials=(1,), visibility=Visibility.ALL & ~Visibility.CAMERA)
+    side = np.arctan(1 / np.hypot(1, 0.01)) / np.hypot(1, 0.01)
+    irradiance = 4 * side  # L/2 * 4 edges * angle * cosine, doubled by symmetry of the half angles
+    mean = picture(scene, samples=64, max_bounces=0)[..., :3].mean()
+    assert mean == pytest.approx(irradiance / np.pi, rel=2e-3)

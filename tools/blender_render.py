@@ -1,0 +1,296 @@
+"""Rendering a .blend inside this Python process, with Lobe or with Cycles, and getting at the pixels.
+
+Shared by render.py, parity.py and the benchmarks. Everything in here expects `enable_lobe()` to have been called.
+Errors that the user can mend are ToolErrors: the tools show their text and nothing else.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import os
+import re
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from . import cycles_peer
+
+ENGINES = ("LOBE", "CYCLES")
+PHASES = ("export", "build", "compile", "render", "total")
+
+
+class ToolError(Exception):
+    """Something that the user asked for cannot be done; the text says what and why."""
+
+
+# --- the file and its settings --------------------------------------------------------------------------------
+
+
+def open_blend(path: Path, scene_name: str | None = None):
+    """Open `path` and give back the scene to render (the one that was active when it was saved, or the named)."""
+    import bpy
+
+    if not path.is_file():
+        raise ToolError(f"there is no file {str(path)!r}")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+    except RuntimeError as error:
+        raise ToolError(f"{str(path)!r} cannot be opened: {_blender_message(error)}") from error
+    if scene_name is None:
+        return bpy.context.scene
+    if scene_name not in bpy.data.scenes:
+        names = ", ".join(repr(s.name) for s in bpy.data.scenes)
+        raise ToolError(f"the file has no scene {scene_name!r}: there are {names}")
+    bpy.context.window.scene = bpy.data.scenes[scene_name]
+    return bpy.data.scenes[scene_name]
+
+
+def set_value(scene, assignment: str) -> None:
+    """Carry out `scene.lobe.KEY=VALUE` (or any other property that hangs below the scene)."""
+    path, equals, text = assignment.partition("=")
+    keys = path.strip().split(".")
+    if not equals or len(keys) < 2 or keys[0] != "scene":
+        raise ToolError(f"--set {assignment!r}: expected scene.lobe.KEY=VALUE")
+    owner = scene
+    for key in keys[1:-1]:
+        owner = getattr(owner, key, None)
+        if owner is None or not hasattr(owner, "bl_rna"):
+            raise ToolError(f"--set {assignment!r}: the scene has nothing called {key!r}")
+    prop = owner.bl_rna.properties.get(keys[-1])
+    if prop is None:
+        known = sorted(p.identifier for p in owner.bl_rna.properties if p.identifier not in ("rna_type", "name"))
+        listed = f": there are {', '.join(known)}" if keys[1] == "lobe" else ""
+        raise ToolError(f"--set {assignment!r}: there is no setting {keys[-1]!r}{listed}")
+    try:
+        setattr(owner, keys[-1], _parse(prop, text.strip()))
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ToolError(f"--set {assignment!r}: {error}") from error
+
+
+def _parse(prop, text: str):
+    """The value that `text` means to a Blender property. Blender itself would clamp without a word."""
+    if prop.type == "ENUM":
+        choices = [item.identifier for item in prop.enum_items]
+        if choices and text not in choices:
+            raise ValueError(f"{text!r} is not one of {', '.join(choices)}")
+        return text
+    if prop.type == "STRING":
+        return text
+    try:
+        value = ast.literal_eval(text.capitalize() if text.lower() in ("true", "false") else text)
+    except (ValueError, SyntaxError):
+        raise ValueError(f"{text!r} is not a value of type {prop.type.lower()}") from None
+    if prop.type == "BOOLEAN":
+        if value not in (0, 1):
+            raise ValueError(f"{text!r} is neither True nor False")
+        return bool(value)
+    if prop.type in ("INT", "FLOAT") and isinstance(value, int | float):
+        if prop.type == "INT" and int(value) != value:
+            raise ValueError(f"{text!r} is not a whole number")
+        if not prop.hard_min <= value <= prop.hard_max:
+            raise ValueError(f"{text} does not lie between {prop.hard_min:g} and {prop.hard_max:g}")
+    return value
+
+
+def set_resolution(scene, width: int, height: int) -> None:
+    """Make the picture `width` by `height` pixels, whatever percentage the file holds."""
+    scene.render.resolution_x, scene.render.resolution_y = width, height
+    scene.render.resolution_percentage = 100
+
+
+def set_threads(scene, threads: int) -> None:
+    """0: as many as the machine has."""
+    scene.render.threads_mode = "FIXED" if threads else "AUTO"
+    if threads:
+        scene.render.threads = threads
+
+
+def set_engine(scene, engine: str, as_is: bool = False) -> None:
+    """Choose the engine. Cycles gets what Lobe would use, and the fair settings, unless `as_is`."""
+    try:
+        scene.render.engine = engine
+    except TypeError as error:
+        raise ToolError(f"this Blender has no engine {engine!r}") from error
+    if engine == "CYCLES" and not as_is:
+        cycles_peer.apply_fair_settings(scene)
+        cycles_peer.copy_lobe_settings(scene)
+        cycles_peer.use_osl_phong(scene)
+
+
+# --- rendering ------------------------------------------------------------------------------------------------
+
+
+def render(scene, on_progress: Callable[[int, int], None] | None = None) -> dict:
+    """Render `scene` into Blender's Render Result; gives back the report, with the keys of the command line's JSON.
+
+    on_progress(done, total)  samples; called whenever the engine says something
+    """
+    import bpy
+
+    def listen(text, *_):
+        found = re.search(r"[Ss]amples?:? (\d+)/(\d+)", str(text))
+        if found and on_progress is not None:
+            on_progress(int(found[1]), int(found[2]))
+
+    bpy.app.handlers.render_stats.append(listen)
+    start = time.perf_counter()
+    try:
+        bpy.ops.render.render(scene=scene.name)
+    except RuntimeError as error:
+        raise ToolError(f"the render failed: {_blender_message(error)}") from error
+    finally:
+        bpy.app.handlers.render_stats.remove(listen)
+    total = time.perf_counter() - start
+    return _lobe_report(total) if scene.render.engine == "LOBE" else _cycles_report(scene, total)
+
+
+def _lobe_report(total: float) -> dict:
+    from bl_ext.user_default.lobe.addon.report import last_report
+
+    if not last_report:
+        raise ToolError("Lobe ended without a picture")
+    report = {key: last_report[key] for key in ("engine", "samples", "seconds", "rays")}
+    report["seconds"] = {phase: last_report["seconds"][phase] for phase in PHASES[:-1]} | {"total": total}
+    report["peak_memory_mb"] = _peak_memory_mb()
+    report["skipped"], report["warnings"] = list(last_report["skipped"]), list(last_report["warnings"])
+    if last_report["rejected"]:
+        report["warnings"].append(f"{last_report['rejected']} samples were not finite numbers and were left out")
+    return report
+
+
+def _cycles_report(scene, total: float) -> dict:
+    """What Cycles tells: it keeps its times, in hundredths of a second, as metadata of the picture (see `picture`).
+
+    Its synchronisation is both export and the building of its BVH.
+    """
+    return {
+        "engine": scene.render.engine,
+        "samples": scene.cycles.samples,
+        "seconds": dict.fromkeys(PHASES) | {"total": total},
+        "rays": None,
+        "peak_memory_mb": _peak_memory_mb(),
+        "skipped": [],
+        "warnings": [],
+    }
+
+
+def _peak_memory_mb() -> float:
+    """Of the whole process, Blender included."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (1024 if sys.platform != "darwin" else 1024 * 1024), 1)
+
+
+def picture(scene, report: dict | None = None) -> np.ndarray:
+    """The Render Result, (h, w, 4) float32, row 0 at the top, scene-linear, premultiplied alpha.
+
+    Through an uncompressed file: exact, and at 1920x1080 a tenth of the time of reading a Viewer node's pixels.
+    Fills Cycles' times into `report`.
+    """
+    import bpy
+    import OpenImageIO as oiio
+
+    with tempfile.TemporaryDirectory() as folder, _image_settings(scene, "OPEN_EXR", "RGBA", "32", exr_codec="NONE"):
+        path = str(Path(folder, "picture.exr"))
+        bpy.data.images["Render Result"].save_render(path, scene=scene)
+        buffer = oiio.ImageBuf(path)
+        pixels = buffer.get_pixels(oiio.FLOAT)
+        if pixels is None or pixels.size == 0:
+            raise ToolError(f"the rendered picture could not be read: {buffer.geterror()}")
+        if report is not None and report["engine"] == "CYCLES":
+            _fill_cycles_times(report, {a.name: a.value for a in buffer.spec().extra_attribs})
+    return np.asarray(pixels, np.float32)
+
+
+def _fill_cycles_times(report: dict, metadata: dict) -> None:
+    for key, value in metadata.items():
+        for name, phase in (("render_time", "render"), ("synchronization_time", "export")):
+            if key.startswith("cycles.") and key.endswith(f".{name}"):
+                report["seconds"][phase] = (report["seconds"][phase] or 0.0) + _clock_seconds(str(value))
+
+
+def _clock_seconds(text: str) -> float:
+    """Seconds of "01:02.34" or "1:01:02.34"."""
+    seconds = 0.0
+    for part in text.split(":"):
+        seconds = seconds * 60 + float(part)
+    return seconds
+
+
+# --- pictures -------------------------------------------------------------------------------------------------
+
+
+def save_png(scene, path: Path) -> None:
+    """The Render Result through the file's view transform, eight bits; alpha where the film is transparent."""
+    import bpy
+
+    mode = "RGBA" if scene.render.film_transparent else "RGB"
+    with _image_settings(scene, "PNG", mode, "8"):
+        try:
+            bpy.data.images["Render Result"].save_render(str(path), scene=scene)
+        except RuntimeError as error:
+            raise ToolError(f"{str(path)!r} cannot be written: {_blender_message(error)}") from error
+
+
+def save_exr(path: Path, pixels: np.ndarray, metadata: dict[str, str | float | int]) -> None:
+    """(h, w, 4) scene-linear pixels as a float EXR with `metadata`."""
+    import OpenImageIO as oiio
+
+    height, width, _ = pixels.shape
+    spec = oiio.ImageSpec(width, height, 4, "float")
+    spec.attribute("compression", "zip")
+    spec.attribute("oiio:ColorSpace", "Linear")
+    for key, value in metadata.items():
+        spec.attribute(key, value)
+    output = oiio.ImageOutput.create(str(path))
+    if output is None or not output.open(str(path), spec) or not output.write_image(np.ascontiguousarray(pixels)):
+        raise ToolError(f"{str(path)!r} cannot be written: {output.geterror() if output else oiio.geterror()}")
+    output.close()
+
+
+@contextlib.contextmanager
+def _image_settings(scene, file_format: str, mode: str, depth: str, **others) -> Iterator[None]:
+    """Blender's output format, for the while."""
+    settings = scene.render.image_settings
+    wanted = {"file_format": file_format, "color_mode": mode, "color_depth": depth, **others}
+    if hasattr(settings, "media_type"):  # 5.0 and later; decides which formats there are
+        wanted = {"media_type": "IMAGE", **wanted}
+    before = {key: getattr(settings, key) for key in wanted}
+    try:
+        for key, value in wanted.items():
+            setattr(settings, key, value)
+        yield
+    finally:
+        for key, value in before.items():
+            setattr(settings, key, value)
+
+
+# --- standard output ------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def quiet_stdout() -> Iterator[Callable[[str], None]]:
+    """Send Blender's own talk on standard output nowhere, for good; gives a function that does write to it.
+
+    At the level of file descriptors, as Blender writes from C. It stays so until the process ends, since Blender
+    also talks while it shuts down.
+    """
+    sys.stdout.flush()
+    real = os.fdopen(os.dup(1), "w")
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    try:
+        yield lambda text: print(text, file=real, flush=True)
+    finally:
+        real.flush()
+
+
+def _blender_message(error: RuntimeError) -> str:
+    """The text of what bpy.ops raises, without its "Error: " and its Python location."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Location:")]
+    return " ".join(line.removeprefix("Error: ") for line in lines)

@@ -1,0 +1,123 @@
+"""Lobe inside the bpy module: builds the extension from this checkout, installs and enables it.
+
+What the tools and the tests run is thereby the extension as a user gets it, in a Blender user folder of its own.
+Building takes a second and is done only when a product file has changed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+PRODUCT = ("blender_manifest.toml", "__init__.py", "addon", "engine")
+MODULE = "bl_ext.user_default.lobe"
+
+
+def enable_lobe() -> None:
+    """Build (where needed), install and enable Lobe. To be called before anything imports bpy."""
+    if "bpy" not in sys.modules:
+        os.environ["BLENDER_USER_RESOURCES"] = str(install())
+        # One cache of compiled kernels for the tools, the tests and the engine on its own: see engine/kernels/jit.py.
+        os.environ.setdefault("LOBE_CACHE_DIR", str(_temporary_folder("cache")))
+    elif not os.environ.get("BLENDER_USER_RESOURCES"):
+        raise RuntimeError("enable_lobe() must be called before bpy is imported")
+    import bpy  # noqa: F401  (makes addon_utils importable)
+    import addon_utils  # isort: skip
+
+    def fail(error: Exception) -> None:
+        raise RuntimeError(f"Lobe could not be enabled: {error}") from error
+
+    addon_utils.enable(MODULE, default_set=True, handle_error=fail)
+
+
+def install() -> Path:
+    """A Blender user folder with this checkout's extension in it, installed anew when a product file has changed.
+
+    The folder stays the same for a checkout, because Numba's cache depends on where the kernels lie.
+    """
+    user = _temporary_folder(f"blender-{hashlib.sha1(str(REPOSITORY).encode()).hexdigest()[:8]}")
+    extensions = user / "extensions" / "user_default"
+    stamp = user / "content"
+    content = _content_hash()
+    with _lock(user / "lock"):
+        if stamp.is_file() and stamp.read_text() == content and (extensions / "lobe").is_dir():
+            return user
+        stamp.unlink(missing_ok=True)
+        with tempfile.TemporaryDirectory() as folder:
+            package = Path(folder) / "lobe.zip"
+            build(package)
+            extension_tool("install-files", "--local-dir", folder, str(package), "--blender-version", "5.0.1",
+                           "--python-version", "{:d}.{:d}.{:d}".format(*sys.version_info[:3]))  # fmt: skip
+            shutil.rmtree(extensions / "lobe", ignore_errors=True)
+            extensions.mkdir(parents=True, exist_ok=True)
+            shutil.move(Path(folder) / "lobe", extensions / "lobe")
+        stamp.write_text(content)
+    return user
+
+
+def build(package: Path, source: Path = REPOSITORY) -> None:
+    """Build `source` into the extension file `package` with Blender's own tool."""
+    extension_tool("build", "--source-dir", str(source), "--output-filepath", str(package))
+
+
+def extension_tool(*arguments: str) -> str:
+    """Run Blender's command line tool for extensions, which the bpy module carries; gives back what it prints."""
+    spec = importlib.util.find_spec("bpy")
+    if spec is None or not spec.submodule_search_locations:
+        raise RuntimeError("the Python package bpy is not installed")
+    root = Path(spec.submodule_search_locations[0])
+    tool = next(root.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
+    done = subprocess.run([sys.executable, str(tool), *arguments], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"Blender's extension tool failed:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def product_files() -> list[Path]:
+    """Every file that belongs into the extension."""
+    files: list[Path] = []
+    for name in PRODUCT:
+        path = REPOSITORY / name
+        files += path.rglob("*") if path.is_dir() else [path]
+    return sorted(f for f in files if f.is_file() and not any(_is_litter(p) for p in f.relative_to(REPOSITORY).parts))
+
+
+def _is_litter(name: str) -> bool:
+    """As the manifest's paths_exclude_pattern has it."""
+    return name.startswith(".") or name == "__pycache__"
+
+
+def _content_hash() -> str:
+    digest = hashlib.sha256(sys.version.encode())
+    for path in product_files():
+        digest.update(path.relative_to(REPOSITORY).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _temporary_folder(name: str) -> Path:
+    user = f"-{os.getuid()}" if hasattr(os, "getuid") else ""
+    folder = Path(tempfile.gettempdir()) / f"lobe-{name}{user}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@contextlib.contextmanager
+def _lock(path: Path) -> Iterator[None]:
+    """Keeps other processes out. Where there is no fcntl (Windows), nothing does."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,118 @@
+"""Builds the extension as a zip that Blender installs by itself: the product files and the wheels that it needs.
+
+    tools/package.py [-o FOLDER] [--platform linux-x64 ...] [--python 3.11 ...]
+
+Wheels are downloaded once into a cache, in the versions that requirements.txt pins, and go into the manifest of the
+package alone: the one in the repository stays as it is. numpy is part of Blender and never packed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+try:
+    from tools.lobe_blender import PRODUCT, REPOSITORY, extension_tool
+except ImportError:  # run as a script
+    from lobe_blender import PRODUCT, REPOSITORY, extension_tool  # type: ignore[no-redef]
+
+PACKED = ("embreex", "llvmlite", "numba", "OpenImageIO")
+
+# Blender's name of a platform -> the tags of the wheels that run there, the oldest system that Blender supports last.
+PLATFORMS = {
+    "linux-x64": [f"manylinux_2_{minor}_x86_64" for minor in range(28, 16, -1)] + ["manylinux2014_x86_64"],
+    "macos-arm64": [f"macosx_{major}_0_arm64" for major in range(14, 10, -1)],
+    "macos-x64": [f"macosx_{major}_0_x86_64" for major in range(12, 10, -1)] + ["macosx_10_15_x86_64"],
+    "windows-x64": ["win_amd64"],
+}
+
+
+def pins() -> list[str]:
+    """The packed requirements with their exact versions, from requirements.txt."""
+    lines = (REPOSITORY / "requirements.txt").read_text().splitlines()
+    found = {line.partition("==")[0]: line.strip() for line in lines if "==" in line}
+    return [found[name] for name in PACKED]
+
+
+def download(target: str, python: str, folder: Path) -> list[Path]:
+    """The wheels for one platform and one Python, from the cache in `folder` where they are there already."""
+    key = hashlib.sha256("\n".join([target, python, *pins()]).encode()).hexdigest()[:12]
+    place = folder / f"{target}-{python}-{key}"
+    if not place.is_dir():
+        with tempfile.TemporaryDirectory(dir=folder) as unfinished:
+            tags = [part for tag in PLATFORMS[target] for part in ("--platform", tag)]
+            command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps",
+                       "--only-binary=:all:", "--python-version", python, "--implementation", "cp", *tags,
+                       "--dest", unfinished, *pins()]  # fmt: skip
+            if subprocess.run(command).returncode:
+                raise SystemExit(f"no wheels for {target} and Python {python}: pip's message is above")
+            os.chmod(unfinished, 0o755)
+            shutil.copytree(unfinished, place)
+    return sorted(place.glob("*.whl"))
+
+
+def build_package(output: Path, targets: list[str], pythons: list[str], wheels: Path) -> Path:
+    """Build one zip for all of `targets` and `pythons`; gives back its path."""
+    output.mkdir(parents=True, exist_ok=True)
+    wheels.mkdir(parents=True, exist_ok=True)
+    found = {wheel.name: wheel for t in targets for p in pythons for wheel in download(t, p, wheels)}
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "lobe"
+        source.mkdir()
+        for name in (*PRODUCT, "README.md", "LICENSE"):
+            path = REPOSITORY / name
+            if path.is_dir():
+                shutil.copytree(path, source / name, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+            elif path.is_file():
+                shutil.copy(path, source / name)
+        (source / "wheels").mkdir()
+        for wheel in found.values():
+            shutil.copy(wheel, source / "wheels")
+        manifest = source / "blender_manifest.toml"
+        manifest.write_text(with_wheels(manifest.read_text(), sorted(found), targets))
+        package = output.resolve() / f"lobe-{version(manifest)}-{'-'.join(t.replace('-', '_') for t in targets)}.zip"
+        extension_tool("build", "--source-dir", str(source), "--output-filepath", str(package))
+    return package
+
+
+def with_wheels(manifest: str, wheels: list[str], targets: list[str]) -> str:
+    """The manifest with its lists of wheels and platforms, which have to stand before the first table."""
+    lists = {"platforms": targets, "wheels": [f"./wheels/{name}" for name in wheels]}
+    text = "".join(f"{key} = {json.dumps(values, indent=4)}\n" for key, values in lists.items())
+    head, table, rest = manifest.partition("[build]")
+    return f"{head}{text}\n{table}{rest}"
+
+
+def version(manifest: Path) -> str:
+    match = re.search(r'^version = "(.+)"$', manifest.read_text(), re.MULTILINE)
+    assert match, f"{manifest} has no version"
+    return match.group(1)
+
+
+def this_platform() -> str:
+    system = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}[platform.system()]
+    return f"{system}-{'arm64' if platform.machine() in ('arm64', 'aarch64') else 'x64'}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Build the extension with its wheels.")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder of the zip (default: out)")
+    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=[this_platform()])
+    parser.add_argument("--python", nargs="+", default=["3.11", "3.13"], help="Blender 4.2 to 5.0 has 3.11, 5.1 3.13")
+    parser.add_argument("--wheels", type=Path, default=Path(tempfile.gettempdir()) / "lobe-wheels", help="cache folder")
+    arguments = parser.parse_args()
+    package = build_package(arguments.output, arguments.platform, arguments.python, arguments.wheels)
+    print(f"{package} ({package.stat().st_size / 1e6:.0f} MB)")
+
+
+if __name__ == "__main__":
+    main()

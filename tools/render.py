@@ -1,0 +1,161 @@
+"""Render a .blend on the command line, without a Blender program: `python tools/render.py FILE.blend -o OUT.png`.
+
+Standard error carries a progress bar; the last line of standard output is one JSON object:
+{"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays", "peak_memory_mb",
+"skipped", "warnings"}; what Cycles does not tell is null.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from tools import blender_render as br  # noqa: E402
+from tools.lobe_blender import enable_lobe  # noqa: E402
+
+WRITERS = (".png", ".exr")
+
+
+def resolution(text: str) -> tuple[int, int]:
+    parts = text.lower().split("x")
+    try:
+        width, height = (int(part) for part in parts)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form WIDTHxHEIGHT, such as 640x480") from None
+    # Blender's own limits: outside of them it would clamp without a word.
+    if not (4 <= width <= 65536 and 4 <= height <= 65536):
+        raise argparse.ArgumentTypeError(f"{text!r}: Blender renders pictures of 4 to 65536 pixels a side")
+    return width, height
+
+
+def whole_number(low: int, high: int):
+    def convert(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{value} does not lie between {low} and {high}")
+        return value
+
+    return convert
+
+
+def output_path(text: str) -> Path:
+    path = Path(text)
+    if path.suffix.lower() not in WRITERS:
+        raise argparse.ArgumentTypeError(f"{text!r}: the name of a picture ends in {' or '.join(WRITERS)}")
+    return path
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="render.py", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("file", type=Path, metavar="FILE.blend")
+    parser.add_argument("--engine", choices=br.ENGINES, default="LOBE")
+    parser.add_argument("--samples", type=whole_number(1, 1 << 24), metavar="N", help="per pixel")
+    parser.add_argument("--seed", type=whole_number(-(1 << 31), (1 << 31) - 1), metavar="N")
+    parser.add_argument("--resolution", type=resolution, metavar="WxH", help="the pixels of the picture")
+    parser.add_argument("--frame", type=whole_number(-1048574, 1048574), metavar="N")
+    parser.add_argument("--threads", type=whole_number(0, 1024), metavar="N", help="0: one for each core")
+    parser.add_argument("--set", action="append", default=[], metavar="scene.lobe.KEY=VALUE", dest="assignments",
+                        help="any setting; may be given again")  # fmt: skip
+    parser.add_argument("--as-is", action="store_true",
+                        help="with --engine CYCLES: keep the file's Cycles settings and materials, instead of the "
+                        "fair settings, Lobe's bounces and filter, and the exact Phong shader")  # fmt: skip
+    parser.add_argument("--scene", metavar="NAME", help="a scene of the file other than the active one")
+    parser.add_argument("-o", "--output", action="append", required=True, type=output_path, metavar="OUT.png|OUT.exr",
+                        help="may be given again")  # fmt: skip
+    return parser.parse_args(arguments)
+
+
+def prepare(options: argparse.Namespace):
+    """Open the file and carry out the options; gives back the scene."""
+    scene = br.open_blend(options.file, options.scene)
+    if options.frame is not None:
+        scene.frame_set(options.frame)
+    if options.resolution is not None:
+        br.set_resolution(scene, *options.resolution)
+    if options.threads is not None:
+        br.set_threads(scene, options.threads)
+    if options.samples is not None:
+        scene.lobe.samples = options.samples
+    if options.seed is not None:
+        scene.lobe.seed = options.seed
+    for assignment in options.assignments:
+        br.set_value(scene, assignment)
+    br.set_engine(scene, options.engine, options.as_is)
+    if options.engine == "CYCLES":
+        if options.as_is and options.samples is not None:
+            scene.cycles.samples = options.samples
+        if options.as_is and options.seed is not None:
+            scene.cycles.seed = options.seed
+        for assignment in options.assignments:  # once more: what --set names outranks the fair settings
+            br.set_value(scene, assignment)
+    return scene
+
+
+def run(options: argparse.Namespace) -> dict:
+    """Render and write the pictures; gives back the report."""
+    from tqdm import tqdm
+
+    scene = prepare(options)
+    for path in options.output:
+        _make_folder(path.parent)
+    with tqdm(total=1, unit=" samples", desc=options.engine.capitalize(), file=sys.stderr) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(max(done - bar.n, 0))
+
+        report = br.render(scene, show)
+        bar.total = max(int(report["samples"]), 1)
+        bar.update(bar.total - bar.n)
+    pixels = br.picture(scene, report)
+    for path in options.output:
+        if path.suffix.lower() == ".png":
+            br.save_png(scene, path)
+        else:
+            br.save_exr(path, pixels, metadata(options, report))
+    return report
+
+
+def metadata(options: argparse.Namespace, report: dict) -> dict[str, str | float | int]:
+    return {
+        "Software": f"Lobe's render.py, engine {report['engine']}",
+        "lobe:file": options.file.name,
+        "lobe:engine": report["engine"],
+        "lobe:samples": float(report["samples"]),
+        "lobe:report": json.dumps(report),
+    }
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise br.ToolError(f"the folder {str(folder)!r} cannot be made: {error.strerror}") from error
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse(arguments)
+    with br.quiet_stdout() as say:
+        try:
+            if not options.file.is_file():  # before the seconds that Blender takes to start
+                raise br.ToolError(f"there is no file {str(options.file)!r}")
+            enable_lobe()
+            report = run(options)
+        except br.ToolError as error:
+            print(f"render.py: {error}", file=sys.stderr)
+            return 1
+        say(json.dumps(report))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
