@@ -23,7 +23,6 @@ from common import br
 from tools import metrics
 from tools.render import resolution, whole_number
 
-
 KEYS = ("scene", "against", "resolution", "samples", "seeds", "settings")
 
 

@@ -33,8 +33,8 @@ def child_enable() -> dict:
     from tools import lobe_blender
 
     os.environ["BLENDER_USER_RESOURCES"] = str(lobe_blender.install())
+    import bpy  # noqa: F401 I001
     import addon_utils
-    import bpy  # noqa: F401
 
     start = time.perf_counter()
     lobe_blender.enable_lobe()

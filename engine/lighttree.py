@@ -67,7 +67,7 @@ def build_light_tree(
 
 @kernel
 def _build(emitters, order, stack, scratch, nodes, integers, paths):
-    """Fills `nodes` and `paths`. order: a permutation of the emitters that is changed so that clusters are contiguous."""
+    """Fills `nodes` and `paths`. order: a permutation of the emitters, changed so that clusters are contiguous."""
     used, top = 1, 0
     stack[0, START], stack[0, END], stack[0, ROW], stack[0, DEPTH], stack[0, PATH] = 0, len(order), 0, 0, 0
     while top >= 0:

@@ -14,6 +14,7 @@ PITCH = 14.0  # from street to street, metres
 FOOTPRINT = 9.0
 WINDOWS, STREET_LAMPS = 8000, 2000
 WINDOW_SIZE = (0.7, 0.9)
+COLUMNS, STOREY = 7, 1.5  # windows side by side on a wall; metres from one row to the next
 GLOW = [(9.0, 5.2, 2.2), (8.0, 6.2, 3.6), (4.2, 5.4, 7.0), (8.0, 3.0, 1.5)]
 LAMP_COLORS = [(1.0, 0.62, 0.28), (0.8, 0.9, 1.0)]
 LAMP_HEIGHT = 5.0
@@ -41,12 +42,20 @@ def house_mesh(low, high, material):
     return c.mesh("Houses", vertices, faces, [material])
 
 
+def window_places(extent) -> np.ndarray:
+    """(N, 4) house, wall, column and storey of every place for a window. No two places overlap."""
+    storeys = np.maximum((extent[:, 2] - 1.5) // STOREY, 1).astype(int)
+    places = [
+        np.indices((1, 4, COLUMNS, n)).reshape(4, -1) + [[house], [0], [0], [0]] for house, n in enumerate(storeys)
+    ]
+    return np.concatenate(places, axis=1).T
+
+
 def window_quads(rng, low, high) -> np.ndarray:
-    """(WINDOWS, 4, 3) corners, one centimetre in front of a wall, the larger the wall the more windows."""
+    """(WINDOWS, 4, 3) corners, one centimetre in front of a wall."""
     extent = high - low
-    weight = np.column_stack([extent[:, 1], extent[:, 1], extent[:, 0], extent[:, 0]]) * extent[:, 2:]
-    chosen = rng.choice(weight.size, WINDOWS, p=(weight / weight.sum()).ravel())
-    house, side = chosen // 4, chosen % 4
+    places = window_places(extent)
+    house, side, column, storey = places[rng.choice(len(places), WINDOWS, replace=False)].T
     along = 1 - side // 2  # axis that runs along the wall: y for the walls at low and high x
     across = 1 - along
     outside = np.where(side % 2 == 0, -1.0, 1.0)
@@ -55,10 +64,9 @@ def window_quads(rng, low, high) -> np.ndarray:
     middle = np.zeros((WINDOWS, 3))
     inset = WINDOW_SIZE[0]
     span = extent[house, along] - 2 * inset
-    middle[rows, along] = low[house, along] + inset + rng.integers(0, 8, WINDOWS) / 7 * span
+    middle[rows, along] = low[house, along] + inset + column / (COLUMNS - 1) * span
     middle[rows, across] = np.where(outside < 0, low[house, across], high[house, across]) + outside * 0.01
-    storeys = np.maximum((extent[house, 2] - 1.5) // 1.5, 1)
-    middle[:, 2] = 1.5 + rng.integers(0, storeys) * 1.5
+    middle[:, 2] = 1.5 + storey * STOREY
 
     u, v = np.zeros((WINDOWS, 3)), np.array([0, 0, WINDOW_SIZE[1] / 2])
     u[rows, along] = WINDOW_SIZE[0] / 2

@@ -55,12 +55,11 @@ def mean_direction_of_polygon(p: np.ndarray, vertices: np.ndarray) -> np.ndarray
     return total if total @ middle >= 0 else -total
 
 
-def assert_float32(*functions) -> None:
-    """Every compiled signature of these kernels returns float32 and integers, nothing wider."""
-    for function in functions:
-        assert function.nopython_signatures, f"{function.__name__} was never compiled"
-        for signature in function.nopython_signatures:
-            assert "float64" not in str(signature.return_type), f"{function.__name__}: {signature}"
+def assert_float32(function, *arguments) -> None:
+    """`function`, from `from_python`, returns float32 and integers for these arguments, nothing wider."""
+    function(*arguments)
+    for signature in function.nopython_signatures:
+        assert "float64" not in str(signature.return_type), str(signature)
 
 
 def vec(v) -> tuple:

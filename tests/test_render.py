@@ -135,3 +135,11 @@ def test_light_close_to_a_surface_is_not_blocked_by_itself():
     irradiance = 4 * side  # L/2 * 4 edges * angle * cosine, doubled by symmetry of the half angles
     mean = picture(scene, samples=64, max_bounces=0)[..., :3].mean()
     assert mean == pytest.approx(irradiance / np.pi, rel=2e-3)
+
+
+def test_flat_emitter_gives_itself_no_light():
+    """In its own plane rounding decides on which side of itself a point lies; off the origin it often errs."""
+    scene = scenes.plate(Material("lamp", kd=(0.8,) * 3, emission=(2.0,) * 3), towards=(0.0, 0.6, -0.8), size=32)
+    scene.camera.transform[:, 3] += (3.3, 1.7, 5.488)
+    scene.meshes[0].vertices += np.array([3.3, 1.7, 5.488], np.float32)
+    assert picture(scene)[..., :3] == pytest.approx(2.0, rel=1e-6)

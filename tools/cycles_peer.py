@@ -65,7 +65,7 @@ def apply_fair_settings(scene) -> None:
 
 
 def set_bounces(scene, total: int, diffuse: int, glossy: int) -> None:
-    """Lobe's limits in Cycles' terms; they mean the same (see tests/tools/test_bounces.py)."""
+    """Lobe's limits in Cycles' terms; they mean the same (see tests/tools/test_cycles_peer.py)."""
     scene.cycles.max_bounces = total
     scene.cycles.diffuse_bounces = diffuse
     scene.cycles.glossy_bounces = glossy

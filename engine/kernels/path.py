@@ -153,12 +153,12 @@ def diffuse_part(kd):
 
 
 @device
-def direct_light(f, tables, ray, words, surface, p, n, ng, wo, key, order, dimension):
-    """(radiance towards wo by one light sample, rays traced)."""
+def direct_light(f, tables, ray, words, surface, p, n, ng, own, wo, key, order, dimension):
+    """(radiance towards wo by one light sample, rays traced). own: the emitter that p lies on, or -1."""
     geometry = tables.geometry
     u = sample_1d(tables.sampler, key, order, dimension + LIGHT_CHOICE)
     u1, u2 = sample_2d(tables.sampler, key, order, dimension + LIGHT_POINT)
-    light = sample_light(f, geometry, tables.lights, tables.environment, tables.tree, p, n, u, u1, u2)
+    light = sample_light(f, geometry, tables.lights, tables.environment, tables.tree, p, n, own, u, u1, u2)
     if not light.pdf > ZERO or is_black(light.radiance):
         return BLACK, 0
     value, pdf = evaluate(f.phong, f.hemisphere, surface, wo, light.wi, n, ng)
@@ -289,17 +289,17 @@ def trace_path(f, tables, limits, ray, words, pixel_x, pixel_y, pixel_hash, inde
         wo = negate(wi)
         t_hit = ray[TFAR]
         p, n, ng, material, triangle = find_surface(f, geometry, ray, words, wo)
+        own = np.int32(-1)
         if f.mesh_emitters:
             seen = emission(geometry, material)
             if not is_black(seen):
                 weight = ONE
-                if pdf_bsdf > ZERO:
-                    emitter = tables.lights.triangle_emitter[triangle]
-                    if emitter >= 0:
-                        t = length(sub(p, from_p))
-                        pdf = surface_seen_pdf(f, geometry, tables.lights, emitter, from_p, wi, t)
-                        pdf *= local_probability(f, tables.tree, emitter, from_p, from_n)
-                        weight = light_weight(f, pdf_bsdf, pdf)
+                own = tables.lights.triangle_emitter[triangle]
+                if pdf_bsdf > ZERO and own >= 0:
+                    t = length(sub(p, from_p))
+                    pdf = surface_seen_pdf(f, geometry, tables.lights, own, from_p, wi, t)
+                    pdf *= local_probability(f, tables.tree, own, from_p, from_n)
+                    weight = light_weight(f, pdf_bsdf, pdf)
                 radiance = add(radiance, clamped(f, scale(mul(throughput, seen), weight), limit))
         dimension += VERTEX_DECISIONS
         kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
@@ -325,7 +325,7 @@ def trace_path(f, tables, limits, ray, words, pixel_x, pixel_y, pixel_hash, inde
         chance = phong_probability(f.lobe_selection, kd, ks, exponent, cos_o) if f.phong and cos_o > ZERO else ZERO
         surface = (kd, ks, exponent, chance)
         if f.emitter_choice != NO_EMITTER or f.suns or f.world == IMAGE_WORLD:
-            lit, more = direct_light(f, tables, ray, words, surface, p, n, ng, wo, key, order, dimension)
+            lit, more = direct_light(f, tables, ray, words, surface, p, n, ng, own, wo, key, order, dimension)
             limit = limits.clamp_direct if bounce == 0 else limits.clamp_indirect
             radiance = add(radiance, clamped(f, mul(throughput, lit), limit))
             rays += more

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class Emitters:
     theta_o: np.ndarray
     theta_e: np.ndarray
     power: np.ndarray
+    two_sided: np.ndarray
 
 
 def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
@@ -64,7 +65,10 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     rows = np.zeros((len(local), t.LAMP_WORDS), np.float32)
     kinds = np.zeros(len(local), np.int32)
     for i, light in enumerate(local):
-        kinds[i] = _pack_point(rows[i], light) if isinstance(light, PointLight) else _pack_area(rows[i], light)
+        if isinstance(light, PointLight):
+            kinds[i] = _pack_point(rows[i], light)
+        elif isinstance(light, AreaLight):
+            kinds[i] = _pack_area(rows[i], light)
         rows[i, t.UNSHADOWED] = float(not light.cast_shadow)
         rows[i, t.LAMP_MASK] = float(int(light.visibility & RAYS_THAT_SEE))
 
@@ -101,7 +105,7 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     }
     return PackedLights(
         tables=tables,
-        tree=build_light_tree(emitters.bounds, emitters.axis, emitters.theta_o, emitters.theta_e, emitters.power),
+        tree=_tree(emitters),
         environment=build_environment(_world_image(scene.world, world_kind)),
         shapes=shapes,
         shape_kind=shape_kind,
@@ -268,9 +272,10 @@ def _mesh_emitters(geometry: t.Geometry, lamp_count: int) -> tuple[np.ndarray, n
     emitters = Emitters(
         bounds=np.concatenate([low, high], axis=1)[alone].reshape(-1, 6),
         axis=(normals / double_area[:, None])[alone].reshape(-1, 3),
-        theta_o=np.full(len(shape), np.pi),
+        theta_o=np.zeros(len(shape)),
         theta_e=np.full(len(shape), np.pi / 2),
         power=power[alone],
+        two_sided=np.ones(len(shape), np.bool_),
     )
     return lit[alone].astype(np.uint32), shape if len(first) else shape[:0], of_triangle, emitters
 
@@ -311,7 +316,10 @@ def baked_count(geometry: t.Geometry) -> int:
 def _lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Emitters:
     """Bounds, orientation and power of the lamps. Power in the unit of the emissive triangles': radiance x area."""
     count = len(local)
-    out = Emitters(np.zeros((count, 6)), np.zeros((count, 3)), np.zeros(count), np.zeros(count), np.zeros(count))
+    zero = np.zeros(count)
+    out = Emitters(
+        np.zeros((count, 6)), np.zeros((count, 3)), zero.copy(), zero.copy(), zero.copy(), np.zeros(count, np.bool_)
+    )
     for i, (light, row) in enumerate(zip(local, rows, strict=True)):
         center = row[t.POSITION : t.POSITION + 3].astype(np.float64)
         radiance = float(row[t.RADIANCE : t.RADIANCE + 3] @ LUMINANCE)
@@ -342,5 +350,13 @@ def _spot_reach(light: SpotLight) -> float:
     return float(np.arctan(np.tan(min(light.half_angle, np.pi / 2 - 1e-6)) * max(x, y) / z))
 
 
+def _tree(e: Emitters) -> tuple:
+    """A single emitter needs no tree; an empty one has the same type."""
+    used = slice(None) if len(e.power) > 1 else slice(0, 0)
+    return build_light_tree(
+        e.bounds[used], e.axis[used], e.theta_o[used], e.theta_e[used], e.power[used], e.two_sided[used]
+    )
+
+
 def _join_emitters(a: Emitters, b: Emitters) -> Emitters:
-    return Emitters(*(np.concatenate([getattr(a, k), getattr(b, k)]).astype(np.float32) for k in a.__dict__))
+    return Emitters(*(np.concatenate([getattr(a, f.name), getattr(b, f.name)]) for f in fields(Emitters)))

@@ -209,7 +209,7 @@ def test_black_emitters_are_never_chosen():
 def test_degenerate_arrangements(spacing):
     count = 3000
     i = np.arange(count)
-    x = {"same place": 0.0 * i, "line": i / count, "geometric": 10.0 ** (-35 + 70 * i / count)}[spacing]
+    x = {"same place": 0.0 * i, "line": i / count, "geometric": 10.0 ** (-9 + 18 * i / count)}[spacing]
     centers = np.stack([x, 0 * x, 0 * x], axis=1)
     emitters = (centers, np.tile([0, 0, 1.0], (count, 1)), np.zeros(count), np.full(count, ALL_WAYS), np.ones(count))
     tree = build(emitters)
@@ -217,6 +217,14 @@ def test_degenerate_arrangements(spacing):
     chance = probabilities(tree, np.array([0, 0, -1.0]), np.array([0, 0, 1.0]))
     assert np.all(np.isfinite(chance))
     assert chance.sum() == pytest.approx(1, abs=1e-3)
+
+
+def test_an_emitter_beyond_all_bounds_leaves_the_others_alone():
+    emitters = make_emitters(20, (ALL_WAYS,))
+    emitters[0][3] = [1e25, 0, 0]
+    chance = probabilities(build(emitters), np.array([2, 2, -3.0]), np.array([0, 0, 1.0]))
+    assert chance.sum() == pytest.approx(1, abs=1e-3)
+    assert chance[3] < 1e-3
 
 
 def test_point_on_an_emitter():
@@ -269,6 +277,5 @@ def test_a_hundred_thousand_emitters_build_quickly():
 
 def test_results_are_float32():
     tree = build(make_emitters(5))
-    call_sample_tree(tree, vec((0, 0, 0)), vec((0, 0, 1)), np.float32(0.5))
-    call_tree_probability(tree, np.int32(0), vec((0, 0, 0)), vec((0, 0, 1)))
-    assert_float32(sample_tree, tree_probability)
+    assert_float32(call_sample_tree, tree, vec((0, 0, 0)), vec((0, 0, 1)), np.float32(0.5))
+    assert_float32(call_tree_probability, tree, np.int32(0), vec((0, 0, 0)), vec((0, 0, 1)))

@@ -306,17 +306,20 @@ def test_sphere_is_sampled_as_its_density_says(name):
 
 
 def test_results_are_float32():
-    assert_float32(
-        sample_triangle,
-        triangle_pdf,
-        triangle_solid_angle,
-        sample_rectangle,
-        rectangle_pdf,
-        rectangle_solid_angle,
-        sample_sphere,
-        sphere_pdf,
-        atan2_upper,
-    )
+    p, half = vec((0, 0, 0)), np.float32(0.5)
+    for corners, sample, pdf, solid_angle in (
+        (TRIANGLES["medium"], sample_triangle, call_triangle_pdf, triangle_solid_angle),
+        (RECTANGLES["medium"], sample_rectangle, call_rectangle_pdf, rectangle_solid_angle),
+    ):
+        vectors = [vec(v) for v in corners]
+        assert_float32(from_python(sample), p, *vectors, half, half)
+        assert_float32(from_python(solid_angle), p, *vectors)
+        if pdf is call_triangle_pdf:
+            vectors.append(vec((0, 0, 1)))
+        assert_float32(pdf, p, *vectors, vec((0, 0, 1)), half)
+    assert_float32(from_python(sample_sphere), p, vec((0, 0, 1)), vec((1, 1, 1)), half, half, half)
+    assert_float32(from_python(sphere_pdf), p, vec((0, 0, 1)), vec((1, 1, 1)), half, vec((0, 0, 1)))
+    assert_float32(from_python(atan2_upper), half, half)
 
 
 def test_arc_tangent():

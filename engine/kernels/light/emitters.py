@@ -26,7 +26,7 @@ from ..geom.vec import BLACK, ONE, ZERO, cross, mul, sub
 from ..jit import device
 from ..tables import EMISSION, LAMP_MASK, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED
 from .area import ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
-from .environment import environment_pdf, environment_radiance, sample_environment
+from .environment import environment_lookup, sample_environment
 from .point import disk_lamp_seen, sample_disk_lamp, sample_point, sample_sphere_lamp, sphere_lamp_seen
 from .spherical import rectangle_pdf, sample_rectangle, sample_triangle, triangle_pdf
 from .sun import sample_sun, sun_seen
@@ -69,12 +69,16 @@ def group_probability(f):
 
 
 @device
-def sample_light(f, geometry, lights, environment, tree, p, n, u, u1, u2):
-    """Draw a `LightSample` for the point p with normal n from three random numbers."""
+def sample_light(f, geometry, lights, environment, tree, p, n, own, u, u1, u2):
+    """Draw a `LightSample` for the point p with normal n from three random numbers.
+
+    own: the emitter that p lies on, or -1. It is flat and gives itself nothing; what rounding makes of its height
+    above itself must not be taken for light.
+    """
     share = group_probability(f)
     if f.emitter_choice != NO_EMITTER:
         if u < share or not (f.suns or f.world == IMAGE_WORLD):
-            return _sample_local(f, geometry, lights, tree, p, n, u / share, share, u1, u2)
+            return _sample_local(f, geometry, lights, tree, p, n, own, u / share, share, u1, u2)
         u -= share
     if f.suns and (u < share or f.world != IMAGE_WORLD):
         return _sample_suns(f, lights, min(u / share, ONE), share, u1, u2)
@@ -87,12 +91,14 @@ def sample_light(f, geometry, lights, environment, tree, p, n, u, u1, u2):
 
 
 @device
-def _sample_local(f, geometry, lights, tree, p, n, u, share, u1, u2):
+def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
     emitter, chosen = np.int32(0), ONE
     if f.emitter_choice == EMITTER_TREE:
         emitter, chosen, u = sample_tree(tree, p, n, u)
         if chosen <= ZERO:
             return no_sample()
+    if emitter == own:
+        return no_sample()
     lamp_count = len(lights.lamp_kind)
     if f.mesh_emitters and (not f.lamp_kinds or emitter >= lamp_count):
         triangle = lights.emitter_triangle[emitter - lamp_count]
@@ -208,8 +214,8 @@ def world_seen(f, lights, environment, wi, mask):
     if f.world != IMAGE_WORLD:
         return _world_color(lights), ZERO
     local = _to_environment(lights, wi)
-    radiance = mul(environment_radiance(environment, local), _world_color(lights))
-    return radiance, environment_pdf(environment, local) * group_probability(f)
+    radiance, pdf = environment_lookup(environment, local)
+    return mul(radiance, _world_color(lights)), pdf * group_probability(f)
 
 
 @device

@@ -231,7 +231,7 @@ def _invert(cdf, guide, u):
 
 @device
 def _sample_linear(a, b, u):
-    """x in [0, 1] with density proportional to a (1 - x) + b x. Pharr et al., "Physically Based Rendering" 4e, 2.3.2."""
+    """x in [0, 1] with density proportional to a (1 - x) + b x. Pharr et al. 2023, PBR 4e, section 2.3.2."""
     if a == b:
         return u
     return u * (a + b) / max(a + math.sqrt(_mix(a * a, b * b, u)), SMALL)

@@ -82,7 +82,7 @@ def sample_disk_lamp(spot, lamps, i, p, u1, u2):
 
 @device
 def disk_lamp_seen(spot, lamps, i, p, wi):
-    """(radiance, pdf) for a ray from p along wi that meets the sphere about the disk; black where it misses the disk."""
+    """(radiance, pdf) for a ray from p along wi that meets the sphere about the disk; black where it misses it."""
     to_lamp = sub(_position(lamps, i), p)
     axis, distance = direction_and_length(to_lamp)
     cosine = dot(axis, wi)

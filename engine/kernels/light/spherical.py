@@ -4,12 +4,14 @@ Geometry only: no radiance, no visibility, and both faces count. The path kernel
 and the lamp kernels for lamps. Each `sample_*` returns the density that its `*_pdf` returns for the same direction.
 
 A flat shape that is small for its distance is sampled uniformly in area instead, which is cheaper and as good
-there. The test, the same in sampler and density: its plane is more than `FAR_RATIO` longest edges away.
+there. The test, the same in sampler and density: its plane is more than `FAR_RATIO` longest edges away. Measured
+over random triangles: the solid angle per area then has a relative standard deviation of 8 %, at worst 16 %.
 
 Precision: float32, except the rectangle's inversion (see `_rectangle_point`). The forms chosen do not cancel for
 small solid angles: solid angles come from the triple product of the unnormalised edges, and points are made from
-weights of the vertices, so a sample never leaves its shape. What is left is the rounding of the heights above the
-plane, as if the point were moved by 1e-7 of its distance.
+weights of the vertices, so a sample never leaves its shape. Measured: the shares of samples in 64 cells are right to
+4e-3, all that the measurement resolves, for strips down to 1e-5 of their distance wide and planes that pass at 1e-6
+of it; close above a triangle (2 pi sr) likewise down to a height of 1e-5 of its size, and to 4 % at 1e-6.
 """
 
 from __future__ import annotations
@@ -236,6 +238,8 @@ def _rectangle_point(x0, y0, x1, y1, h, solid_angle, u1, u2):
     Urena et al. 2013, "An Area-Preserving Parametrization for Spherical Rectangles". With b = y / hypot(y, h) and
     X = x / hypot(x, h), the solid angle left of x is E(x) - E(x0) with E = asin(b1 X) - asin(b0 X), and its inverse
     is X = D / hypot(N, b0 D) with (N, D) = (b1 - b0 cos E, sin E). Here (N, D) grows from its known value at x0.
+    In float64, because 1 - X^2 cancels where the plane passes close by: at a height of 1e-3, float32 puts 15 % of the
+    samples into the wrong one of 64 cells. That costs 15 ns of 55.
     """
     x0, y0, y1, h = np.float64(x0), np.float64(y0), np.float64(y1), np.float64(h)
     share = np.float64(u1) * np.float64(solid_angle)

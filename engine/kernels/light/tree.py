@@ -19,8 +19,8 @@ import numpy as np
 from ..geom.vec import ONE, ZERO, dot
 from ..jit import device
 
-# Words of a node, one cache line. COS_TOTAL: of theta_o + theta_e. CHILD is an integer: the row of the left child, which
-# the right one follows, or -1 - emitter. TWO_SIDED: the axis has no sign.
+# Words of a node, one cache line. COS_TOTAL: of theta_o + theta_e. CHILD is an integer: the row of the left child, with
+# the right one behind it, or -1 - emitter. TWO_SIDED: the axis has no sign.
 CENTER, HALF_SIZE, POWER, AXIS, COS_O, SIN_O, COS_TOTAL, CHILD, TWO_SIDED, NODE_WORDS = (
     0,
     3,
@@ -35,6 +35,7 @@ CENTER, HALF_SIZE, POWER, AXIS, COS_O, SIN_O, COS_TOTAL, CHILD, TWO_SIDED, NODE_
 )
 
 SMALL = np.float32(1e-30)
+LARGE = np.float32(1e30)  # so that a lamp thrown far out cannot drown its clusters in infinities
 HALF = np.float32(0.5)
 # Rounding may put an emitter that touches its bounds beyond them: cones are widened by this, as a cosine.
 SLACK = np.float32(1e-5)
@@ -89,7 +90,7 @@ def _importance(nodes, k, p, n):
     half = nodes[k, HALF_SIZE], nodes[k, HALF_SIZE + 1], nodes[k, HALF_SIZE + 2]
     if height + abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2] <= ZERO:
         return ZERO
-    distance_squared, radius_squared = dot(to, to), dot(half, half)
+    distance_squared, radius_squared = min(dot(to, to), LARGE), min(dot(half, half), LARGE)
     inverse = ONE / math.sqrt(distance_squared + SMALL)
     blur_squared = SOFTNESS * radius_squared
     soft_inverse = ONE / math.sqrt(distance_squared + blur_squared + SMALL)

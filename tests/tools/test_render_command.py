@@ -1,0 +1,86 @@
+"""tools/render.py as a command: standard output, standard error, exit code and the files it leaves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+KEYS = {"engine", "samples", "seconds", "rays", "peak_memory_mb", "skipped", "warnings"}
+PHASES = {"export", "build", "compile", "render", "total"}
+
+
+def command(repository: Path, *arguments: str | Path) -> subprocess.CompletedProcess:
+    words = [sys.executable, "tools/render.py", *map(str, arguments)]
+    return subprocess.run(words, cwd=repository, capture_output=True, text=True)
+
+
+def fails(done: subprocess.CompletedProcess, message: str) -> None:
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_missing_file(repository, tmp_path):
+    fails(command(repository, "no.blend", "-o", tmp_path / "a.png"), "render.py: there is no file 'no.blend'")
+
+
+def test_not_a_blend(repository, tmp_path):
+    path = tmp_path / "junk.blend"
+    path.write_text("no scene here")
+    fails(command(repository, path, "-o", tmp_path / "a.png"), f"render.py: {str(path)!r} cannot be opened: ")
+
+
+def test_no_camera(repository, tmp_path):
+    script = (
+        "import bpy; bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True); "
+        f"bpy.ops.wm.save_as_mainfile(filepath={str(tmp_path / 'empty.blend')!r})"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    for engine in ("LOBE", "CYCLES"):
+        done = command(repository, tmp_path / "empty.blend", "--engine", engine, "-o", tmp_path / "a.png")
+        fails(done, "render.py: the render failed: ")
+        assert "camera" in done.stderr.lower()
+
+
+@pytest.mark.parametrize("engine", ["LOBE", "CYCLES"])
+def test_pictures_and_report(repository, tmp_path, engine):
+    png, exr = tmp_path / "new" / "a.png", tmp_path / "new" / "a.exr"
+    done = command(repository, "sample_blends/cornell_diffuse.blend", "--engine", engine, "--samples", 4, "--seed", 3,
+                   "--resolution", "24x24", "--frame", 2, "--threads", 1, "--set", "scene.lobe.max_bounces=2",
+                   "--set", "scene.render.film_transparent=True", "-o", png, "-o", exr)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stdout.splitlines()
+    report = json.loads(line)
+    assert set(report) == KEYS and set(report["seconds"]) == PHASES
+    assert report["engine"] == engine and report["samples"] == 4 and report["peak_memory_mb"] > 100
+    assert report["seconds"]["total"] > 0 and report["seconds"]["render"] is not None
+    assert "4/4" in done.stderr  # the progress bar
+
+    buffer = oiio.ImageBuf(str(exr))
+    spec = buffer.spec()
+    assert (spec.width, spec.height, spec.format, list(spec.channelnames)) == (24, 24, "float", ["R", "G", "B", "A"])
+    assert spec.get_string_attribute("lobe:engine") == engine and spec.get_float_attribute("lobe:samples") == 4
+    pixels = buffer.get_pixels(oiio.FLOAT)
+    assert np.isfinite(pixels).all() and 5 < pixels[..., 0].max() < 20  # the lamp, not clipped
+    assert pixels[..., 3].min() < 1 and pixels[..., 3].max() == 1  # the box does not fill the picture
+    assert pixels[:8, :, 0].max() > 5 * pixels[8:, :, 0].max()  # row 0 is the top: the lamp is up there
+    assert oiio.ImageBuf(str(png)).spec().nchannels == 4
+
+
+def test_as_is_keeps_the_files_cycles_settings(repository, tmp_path):
+    """Seen from outside: the file's 3 samples, where Lobe's settings hold 64."""
+    path = tmp_path / "a.blend"
+    script = (
+        f"import bpy; bpy.ops.wm.open_mainfile(filepath={str(repository / 'sample_blends/cornell_diffuse.blend')!r}); "
+        f"bpy.context.scene.cycles.samples = 3; bpy.ops.wm.save_as_mainfile(filepath={str(path)!r})"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    done = command(repository, path, "--engine", "CYCLES", "--as-is", "--resolution", "8x8", "-o", tmp_path / "a.png")
+    assert json.loads(done.stdout)["samples"] == 3
