@@ -6,36 +6,85 @@ this module is imported.
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import hashlib
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 
+import numba
+
 KERNEL_FOLDER = Path(__file__).resolve().parent
+KEPT_VERSIONS = 3  # of the kernels: going back to the version before doesn't compile again
 
 
 def _source_hash() -> str:
-    """Hash of every kernel source. Numba notices an edit of a function's own file, but not of its callees' files."""
+    """Hash of every kernel source and of the packages that they are compiled with.
+
+    Numba notices an edit of a function's own file and a new version of itself, but neither an edit of a callee's file
+    nor new versions of llvmlite and Embree.
+    """
     digest = hashlib.sha256()
+    for package in ("numba", "llvmlite", "embreex"):
+        digest.update(f"{package} {metadata.version(package)}\0".encode())
     for path in [KERNEL_FOLDER.parent / "features.py", *sorted(KERNEL_FOLDER.rglob("*.py"))]:
         digest.update(path.relative_to(KERNEL_FOLDER.parent).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except Exception:  # a container's user may have no name; which error says so depends on the version of Python
+        return str(os.getuid()) if hasattr(os, "getuid") else "user"
+
+
 def _cache_folder() -> Path:
-    """In LOBE_CACHE_DIR if set (the add-on sets Blender's extension user folder), else in the temporary folder."""
-    root = os.environ.get("LOBE_CACHE_DIR") or Path(tempfile.gettempdir()) / f"lobe-cache-{getpass.getuser()}"
-    return Path(root) / "kernels" / _source_hash()
+    """Where the compiled kernels of these sources are kept.
+
+    In LOBE_CACHE_DIR if set (the add-on sets Blender's extension user folder), else in the temporary folder. Where
+    neither can be written, in a new folder: the kernels then compile once for each process, which is better than not
+    at all.
+    """
+    places = [Path(tempfile.gettempdir()) / f"lobe-cache-{_user()}"]
+    if chosen := os.environ.get("LOBE_CACHE_DIR"):
+        places.insert(0, Path(chosen))
+    for place in places:
+        folder = place / "kernels" / _source_hash()
+        if _is_writable(folder):
+            return folder
+    return Path(tempfile.mkdtemp(prefix="lobe-cache-"))
+
+
+def _is_writable(folder: Path) -> bool:
+    """Asked by writing, which alone is certain on every system; a full disk counts as read-only."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"x")
+    except OSError:
+        return False
+    return True
+
+
+def _prune(newest: Path) -> None:
+    """Delete the kernels of all but the newest versions. `newest` is in use and counts as the first of them."""
+    if newest.parent.name != "kernels":
+        return
+    with contextlib.suppress(OSError):  # another process may do the same; what is left goes next time
+        os.utime(newest)
+        folders = sorted((f for f in newest.parent.iterdir() if f != newest), key=lambda f: f.stat().st_mtime)
+        for folder in folders[: max(len(folders) - KEPT_VERSIONS + 1, 0)]:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 CACHE_FOLDER = _cache_folder()
-os.environ["NUMBA_CACHE_DIR"] = str(CACHE_FOLDER)
-
-import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when it is imported)
-
-numba.config.CACHE_DIR = str(CACHE_FOLDER)  # numba may have been imported before, by another add-on
+_prune(CACHE_FOLDER)
 
 _OPTIONS = {
     "error_model": "numpy",
@@ -49,15 +98,28 @@ _OPTIONS = {
 }
 
 
+@contextlib.contextmanager
+def _own_cache() -> Iterator[None]:
+    """Numba looks up its cache folder when a function is decorated. Other add-ons' functions keep their own."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(CACHE_FOLDER)
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
 def device(function):
     """Compile a function that kernels call and Python doesn't.
 
     Inlined by force, so that the features, constants of the outermost kernel, reach every branch. Without the
     wrappers for Python and C the first compilation takes 10 s instead of 17.
     """
-    return numba.njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    with _own_cache():
+        return numba.njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
 
 
 def kernel(function):
     """Compile a function that Python calls with packed arrays."""
-    return numba.njit(**_OPTIONS)(function)
+    with _own_cache():
+        return numba.njit(**_OPTIONS)(function)

@@ -51,10 +51,9 @@ def find_surface(f, geometry, ray, words, wo):
 
 
 @device
-def offset_origin(p, ng, w):
-    """Where a ray from p along w starts, so that it does not meet p's own triangle."""
-    side = ng if dot(ng, w) >= ZERO else negate(ng)
-    return (_offset(p[0], side[0]), _offset(p[1], side[1]), _offset(p[2], side[2]))
+def offset_origin(p, ng):
+    """Where rays that leave p on ng's side start, so that they don't meet p's own triangle."""
+    return _offset(p[0], ng[0]), _offset(p[1], ng[1]), _offset(p[2], ng[2])
 
 
 @device
