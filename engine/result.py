@@ -33,6 +33,8 @@ class Result:
     seconds   by phase: "build", "compile", "render"
     rays      all that were traced, shadow rays included
     rejected  contributions that were not finite; they are left out of the picture, and always a defect
+    draws_per_direction  points that rejection sampling of the hemisphere drew for a direction, 12 / pi expected; 0
+              with the other ways of sampling
     """
 
     pixels: np.ndarray
@@ -40,6 +42,7 @@ class Result:
     seconds: dict[str, float] = field(default_factory=dict)
     rays: int = 0
     rejected: int = 0
+    draws_per_direction: float = 0.0
     skipped: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     stopped: bool = False

@@ -21,7 +21,7 @@ from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.embree import new_ray
-from .kernels.path import Limits, Tables, make_tile_kernel
+from .kernels.path import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables, make_tile_kernel
 from .pack import Packed, pack
 from .result import Progress, Result
 from .scene import Camera, Scene
@@ -138,20 +138,21 @@ def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result,
     active = adaptive.active if adaptive else np.ones((1, 1), np.bool_)
     half = adaptive.half if adaptive else np.zeros((1, 1, 3))
     halt = threading.Event()
+    counters = np.zeros(COUNTERS, np.int64)
     x0, y0 = film.region[:2]
     origin = np.array([x0, y0], np.int64)
     deadline = watch.render_start + settings.time_limit if settings.time_limit else np.inf
 
-    def work(tiles: Iterator[tuple[int, int, int, int]], first: int, count: int) -> tuple[int, int]:
-        ray, rejected, rays = new_ray(), np.zeros(1, np.int64), 0
+    def work(tiles: Iterator[tuple[int, int, int, int]], first: int, count: int) -> tuple[int, np.ndarray]:
+        ray, counters, rays = new_ray(), np.zeros(COUNTERS, np.int64), 0
         for tile in tiles:
             if halt.is_set() or time.perf_counter() > deadline:
                 break
             rays += render_tile(
                 tables, limits, ray, tile, first, count, np.uint32(settings.seed & 0xFFFFFFFF), origin,
-                film.sums, film.samples, half, active, rejected,
+                film.sums, film.samples, half, active, counters,
             )  # fmt: skip
-        return rays, int(rejected[0])
+        return rays, counters
 
     for first, count in _schedule(settings.samples):
         tiles = _Shared(_tiles(film.region, count))
@@ -160,9 +161,11 @@ def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result,
             watch.wait_for(futures, lambda _: "rendering", on_stop=halt.set)
         finally:
             for future in futures:
-                rays, rejected = future.result()
+                rays, counted = future.result()
                 result.rays += rays
-                result.rejected += rejected
+                counters += counted
+                result.rejected = int(counters[REJECTED])
+                result.draws_per_direction = float(counters[DRAWS] / max(counters[DIRECTIONS], 1))
         watch.tell("rendering", force=first == 0)
         if adaptive is not None and adaptive.update():
             break
@@ -228,7 +231,7 @@ def _load_kernel(packed: Packed, settings: Settings) -> None:
     tile_kernel(packed.features)(
         _tables(packed), limits, new_ray(), (0, 0, 0, 0), 0, 0, np.uint32(0), np.zeros(2, np.int64),
         np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_),
-        np.zeros(1, np.int64),
+        np.zeros(COUNTERS, np.int64),
     )  # fmt: skip
 
 

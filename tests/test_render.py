@@ -143,3 +143,12 @@ def test_flat_emitter_gives_itself_no_light():
     scene.camera.transform[:, 3] += (3.3, 1.7, 5.488)
     scene.meshes[0].vertices += np.array([3.3, 1.7, 5.488], np.float32)
     assert picture(scene)[..., :3] == pytest.approx(2.0, rel=1e-6)
+
+
+def test_rejection_sampling_counts_its_draws():
+    """12 / pi points of the cube for a direction. Their number is geometric: its deviation is sqrt(1 - p) / p."""
+    result = render(scenes.furnace(size=32), replace(QUICK, samples=64, hemisphere_sampling="REJECTION"))
+    p = np.pi / 12
+    directions = 32 * 32 * 64  # at least one for each path
+    assert result.draws_per_direction == pytest.approx(1 / p, abs=4 * np.sqrt(1 - p) / p / np.sqrt(directions))
+    assert render(scenes.furnace(size=4), QUICK).draws_per_direction == 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..features import DARK_WORLD, DISK, IMAGE_WORLD, NO_EMITTER, Features
 from .bsdf import evaluate, phong_probability, sample
+from .bsdf.diffuse import REJECTION
 from .camera import generate_ray
 from .embree import GEOM_ID, INST_ID, INVALID, NORMAL, PRIM_ID, TFAR, intersect, occluded
 from .film.filter import sample_filter
@@ -75,6 +76,11 @@ MAX_TRANSPARENT = 256
 # Decisions of a path, as dimensions of the sampler: two for the camera, then these for each vertex.
 PIXEL, LENS, FIRST_VERTEX = 0, 1, 2
 LIGHT_CHOICE, LIGHT_POINT, LOBE, DIRECTION, ROULETTE, PASS, KIND, VERTEX_DECISIONS = 0, 1, 2, 3, 4, 5, 6, 7
+
+
+# What a kernel counts besides rays: samples that were not finite; points that rejection sampling drew, and for how
+# many directions.
+REJECTED, DRAWS, DIRECTIONS, COUNTERS = 0, 1, 2, 3
 
 
 class Limits(NamedTuple):
@@ -253,7 +259,7 @@ def met_lamp(f, tables, ray, words, origin, p, n, wi, pdf_bsdf, mask):
 
 
 @device
-def trace_path(f, tables, limits, ray, words, pixel_x, pixel_y, pixel_hash, index):
+def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_hash, index):
     """Follow one path. Returns (radiance, alpha, rays traced)."""
     geometry = tables.geometry
     accel = geometry.accel[0]
@@ -271,7 +277,7 @@ def trace_path(f, tables, limits, ray, words, pixel_x, pixel_y, pixel_hash, inde
     bounce, diffuse_bounces, glossy_bounces, passed = 0, 0, 0, 0
     last, alpha, rays = False, ONE, 0
     dimension = FIRST_VERTEX
-    state = hash32(key ^ np.uint32(0x68BC21EB))
+    state = hash32(key ^ hash32(np.uint32(index)))  # the key alone is that of all samples of the pixel
 
     while True:
         limit = limits.clamp_direct if bounce <= 1 else limits.clamp_indirect
@@ -339,7 +345,10 @@ def trace_path(f, tables, limits, ray, words, pixel_x, pixel_y, pixel_hash, inde
 
         u = sample_1d(tables.sampler, key, order, dimension + LOBE) if f.phong else ZERO
         u1, u2 = sample_2d(tables.sampler, key, order, dimension + DIRECTION)
-        wi, value, pdf_bsdf, _, state = sample(f.phong, f.hemisphere, surface, wo, n, ng, u, u1, u2, state)
+        wi, value, pdf_bsdf, _, state, draws = sample(f.phong, f.hemisphere, surface, wo, n, ng, u, u1, u2, state)
+        if f.hemisphere == REJECTION and draws:
+            counters[DRAWS] += draws
+            counters[DIRECTIONS] += 1
         if not pdf_bsdf > ZERO:
             break
         bounce += 1
@@ -379,11 +388,11 @@ def make_tile_kernel(features: Features):
 
     @kernel
     def render_tile(
-        tables, limits, ray, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, rejected
+        tables, limits, ray, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, counters
     ):
         """Add samples first_sample.. of the pixels of `tile` (x0, y0, x1, y1) to the film, whose pixel (0, 0) is the
         picture's pixel `origin`. half and active are `engine/adaptive.py`'s, one pixel large where it is off.
-        Samples that are not finite are counted in rejected[0]. Returns the number of rays traced."""
+        counters[REJECTED] counts samples that are not finite and were left out. Returns the number of rays traced."""
         words = ray.view(np.uint32)
         adaptive = active.size > 1
         rays = 0
@@ -395,10 +404,12 @@ def make_tile_kernel(features: Features):
                 pixel_hash = hash_pixel(x, y, seed)
                 red, green, blue, cover = ZERO, ZERO, ZERO, ZERO
                 for index in range(first_sample, first_sample + sample_count):
-                    radiance, alpha, traced = trace_path(features, tables, limits, ray, words, x, y, pixel_hash, index)
+                    radiance, alpha, traced = trace_path(
+                        features, tables, limits, ray, words, counters, x, y, pixel_hash, index
+                    )
                     rays += traced
                     if not math.isfinite(radiance[0] + radiance[1] + radiance[2]):
-                        rejected[0] += 1
+                        counters[REJECTED] += 1
                         continue
                     red += radiance[0]
                     green += radiance[1]

@@ -27,7 +27,9 @@ f32 = np.float32
 def draw(has_phong, hemisphere, surface, wo, n, ng, u, wi_out, f_out, pdf_out, lobe_out):
     rng = np.uint32(99)
     for i in range(len(u)):
-        wi, f, pdf, lobe, rng = bsdf.sample(has_phong, hemisphere, surface, wo, n, ng, u[i, 0], u[i, 1], u[i, 2], rng)
+        wi, f, pdf, lobe, rng, _ = bsdf.sample(
+            has_phong, hemisphere, surface, wo, n, ng, u[i, 0], u[i, 1], u[i, 2], rng
+        )
         pdf_out[i], lobe_out[i] = pdf, lobe
         for k in range(3):
             wi_out[i, k], f_out[i, k] = wi[k], f[k]

@@ -66,16 +66,17 @@ def evaluate(has_phong, hemisphere, surface, wo, wi, n, ng):
 
 @device
 def sample(has_phong, hemisphere, surface, wo, n, ng, u_lobe, u1, u2, rng):
-    """(wi, f, pdf, lobe, rng), as `evaluate` for the wi drawn. pdf = 0: failed, the path ends here.
+    """(wi, f, pdf, lobe, rng, draws), as `evaluate` for the wi drawn. pdf = 0: failed, the path ends here.
 
     u_lobe, u1, u2  in (0, 1)
     rng             uint32, state of `sampler.random`, used by rejection sampling only
+    draws           how many points rejection sampling drew
     """
     if has_phong and u_lobe < surface[3]:
         wi = sample_phong(surface[2], n, wo, u1, u2)
-        lobe = PHONG_LOBE
+        lobe, draws = PHONG_LOBE, np.int32(0)
     else:
-        wi, rng = sample_diffuse(hemisphere, n, u1, u2, rng)
+        wi, rng, draws = sample_diffuse(hemisphere, n, u1, u2, rng)
         lobe = DIFFUSE_LOBE
     f, pdf = evaluate(has_phong, hemisphere, surface, wo, wi, n, ng)
-    return wi, f, pdf, lobe, rng
+    return wi, f, pdf, lobe, rng, draws

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..geom.frame import to_world
 from ..geom.vec import scale
 from ..jit import device
@@ -33,11 +35,13 @@ def diffuse_pdf(hemisphere, cos_i):
 
 @device
 def sample_diffuse(hemisphere, n, u1, u2, rng):
-    """(wi, rng). Rejection takes its numbers from `rng`, the state of `sampler.random`; the others take u1, u2."""
+    """(wi, rng, draws). Rejection takes its numbers from `rng`, the state of `sampler.random`, and counts its draws;
+    the others take u1, u2."""
+    draws = np.int32(0)
     if hemisphere == COSINE:
         local = cosine_hemisphere(u1, u2)
     elif hemisphere == UNIFORM:
         local = uniform_hemisphere(u1, u2)
     else:
-        local, rng, _draws = rejection_hemisphere(rng)
-    return to_world(local, n), rng
+        local, rng, draws = rejection_hemisphere(rng)
+    return to_world(local, n), rng, draws
