@@ -129,30 +129,32 @@ def material_color(geometry, material, word):
 
 
 @device
-def transmittance(f, geometry, ray, words, origin, direction, t_near, t_far):
-    """(fraction of light that gets through from t_near to t_far, rays traced)."""
+def transmittance(f, geometry, ray, words, start, direction, t_far):
+    """(fraction of light that gets through from `start` on, as far as `t_far`, rays traced).
+
+    t_far is infinite, or SHADOW_END for a `direction` that reaches from `start` to the light.
+    """
     if not f.transparency:
-        blocked = occluded(geometry.accel[0], ray, words, origin, direction, t_near, t_far, SHADOW_RAY)
+        blocked = occluded(geometry.accel[0], ray, words, start, direction, ZERO, t_far, SHADOW_RAY)
         return (BLACK if blocked else (ONE, ONE, ONE)), 1
-    through = (ONE, ONE, ONE)
+    through, end = (ONE, ONE, ONE), add(start, direction)
     for i in range(MAX_TRANSPARENT):
-        if not intersect(geometry.accel[0], ray, words, origin, direction, t_near, t_far, SHADOW_RAY):
+        if not intersect(geometry.accel[0], ray, words, start, direction, ZERO, t_far, SHADOW_RAY):
             return through, i + 1
-        t_hit = ray[TFAR]
-        _, _, _, material, _ = find_surface(f, geometry, ray, words, negate(direction))
+        p, _, ng, material, _ = find_surface(f, geometry, ray, words, negate(direction))
         through = mul(through, material_color(geometry, material, TRANSPARENCY))
         if is_black(through):
             return through, i + 1
-        t_near = past(t_hit)
-        if t_near >= t_far:
-            return through, i + 1
+        start = offset_origin(p, negate(ng))
+        if t_far < FAR:
+            direction = sub(end, start)
     return BLACK, MAX_TRANSPARENT
 
 
 @device
 def past(t):
-    """A start for the rest of a ray that has met something at t and goes on."""
-    return t * np.float32(1 + 4e-6) + np.float32(1e-7)
+    """A start for the rest of a ray that has met a lamp at t and goes on."""
+    return t * np.float32(1 + 4e-6) + np.float32(1e-30)  # beyond t also where t is 0
 
 
 @device
@@ -192,7 +194,7 @@ def direct_light(f, tables, ray, words, surface, p, start, n, ng, own, wo, key, 
     direction, t_far = light.wi, FAR
     if light.t < FAR:
         direction, t_far = sub(add_scaled(p, light.wi, light.t), start), SHADOW_END
-    through, rays = transmittance(f, geometry, ray, words, start, direction, ZERO, t_far)
+    through, rays = transmittance(f, geometry, ray, words, start, direction, t_far)
     return mul(contribution, through), rays
 
 
@@ -227,19 +229,24 @@ def is_lamp(f, geometry, words):
 
 
 @device
-def met_lamp(f, tables, ray, words, origin, p, n, wi, pdf_bsdf, mask):
+def lamp_of_hit(geometry, lights, words):
+    """The lamp whose shape was hit."""
+    prim, base = np.int64(words[PRIM_ID]), np.int64(geometry.base[words[GEOM_ID]])
+    if geometry.kind[words[GEOM_ID]] == LAMP_QUADS:
+        return lights.lamp_of_quad[base + prim // 2]
+    return lights.lamp_of_sphere[base + prim]
+
+
+@device
+def met_lamp(f, tables, ray, words, lamp, origin, p, n, wi, pdf_bsdf, mask):
     """(radiance, MIS weight included, of the lamp whose shape a ray met, rays traced).
 
     p, n: where the ray's direction was sampled, which is where the light sample would have been made.
     """
     geometry, lights = tables.geometry, tables.lights
-    prim, base = np.int64(words[PRIM_ID]), np.int64(geometry.base[words[GEOM_ID]])
     t_hit, rays = ray[TFAR], 0
     to_p = sub(p, add_scaled(origin, wi, t_hit))
-    if geometry.kind[words[GEOM_ID]] == LAMP_QUADS:
-        lamp = lights.lamp_of_quad[base + prim // 2]
-    else:
-        lamp = lights.lamp_of_sphere[base + prim]
+    if geometry.kind[words[GEOM_ID]] != LAMP_QUADS:
         # Rays meet a sphere twice. The second time counts only for those that start inside.
         leaves = wi[0] * ray[NORMAL] + wi[1] * ray[NORMAL + 1] + wi[2] * ray[NORMAL + 2] > ZERO
         if leaves and not inside_lamp(lights.lamps, lamp, p):
@@ -276,7 +283,7 @@ def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_
     mask, pdf_bsdf, from_p, from_n = CAMERA_RAY, -ONE, origin, wi
     bounce, diffuse_bounces, glossy_bounces, passed = 0, 0, 0, 0
     last, alpha, rays = False, ONE, 0
-    dimension = FIRST_VERTEX
+    dimension, last_lamp = FIRST_VERTEX, np.int32(-1)
     state = hash32(key ^ hash32(np.uint32(index)))  # the key alone is that of all samples of the pixel
 
     while True:
@@ -292,10 +299,14 @@ def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_
                 radiance = add(radiance, clamped(f, seen, limit))
             break
         if f.lamp_shapes and is_lamp(f, geometry, words):
+            lamp = lamp_of_hit(geometry, tables.lights, words)
             t_near = past(ray[TFAR])
-            seen, more = met_lamp(f, tables, ray, words, origin, from_p, from_n, wi, pdf_bsdf, mask)
-            radiance = add(radiance, clamped(f, mul(throughput, seen), limit))
-            rays += more
+            # Far from the world's origin t is too coarse to leave a lamp behind: meeting it again counts for nothing.
+            if lamp != last_lamp:
+                last_lamp = lamp
+                seen, more = met_lamp(f, tables, ray, words, lamp, origin, from_p, from_n, wi, pdf_bsdf, mask)
+                radiance = add(radiance, clamped(f, mul(throughput, seen), limit))
+                rays += more
             continue
 
         wo = negate(wi)
@@ -322,7 +333,8 @@ def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_
                 chance = ONE if last else share / (share + average(kd) + average(ks))
                 if sample_1d(tables.sampler, key, order, dimension + PASS) < chance:
                     throughput = scale(mul(throughput, through), ONE / chance)
-                    t_near = past(t_hit)
+                    origin = offset_origin(p, negate(ng))
+                    t_near, t_far = ZERO, t_far - t_hit
                     passed += 1
                     if passed > MAX_TRANSPARENT:
                         break
@@ -379,7 +391,7 @@ def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_
                 break
             throughput = scale(throughput, ONE / survival)
         origin, from_p, from_n = start, p, n
-        t_near, t_far = ZERO, FAR
+        t_near, t_far, last_lamp = ZERO, FAR, np.int32(-1)
     return radiance, alpha, rays
 
 
