@@ -67,7 +67,7 @@ class _Watch:
         picture = film.pixels if film is not None and done > 0 else lambda: None
         self._progress(Progress(int(done), self.total, now - self.start, remaining, message, picture))
 
-    def wait_for(self, futures: list[Future], message: Callable[[float], str], on_stop=None) -> None:
+    def wait_for(self, futures: list[Future], message: Callable[[float], str]) -> None:
         """Until all are done; their exceptions are raised. Raises Stopped when the caller says so."""
         begun = time.perf_counter()
         pending = set(futures)
@@ -76,8 +76,6 @@ class _Watch:
             for future in done:
                 future.result()
             if pending and self.stopped():
-                if on_stop is not None:
-                    on_stop()
                 raise Stopped
             self.tell(message(time.perf_counter() - begun))
 
@@ -158,7 +156,10 @@ def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result,
         tiles = _Shared(_tiles(film.region, count))
         futures = [pool.submit(work, tiles, first, count) for _ in range(threads)]
         try:
-            watch.wait_for(futures, lambda _: "rendering", on_stop=halt.set)
+            watch.wait_for(futures, lambda _: "rendering")
+        except BaseException:
+            halt.set()
+            raise
         finally:
             for future in futures:
                 rays, counted = future.result()
