@@ -65,6 +65,13 @@ def build_light_tree(
     return LightTree(nodes, integers, paths)
 
 
+def load_builder() -> None:
+    """Have the builder ready: compiled, or read from the disk cache."""
+    if not _build.signatures:
+        two = np.zeros((2, 6))
+        build_light_tree(two, two[:, :3], two[:, 0], two[:, 0], np.ones(2))
+
+
 @kernel
 def _build(emitters, order, stack, scratch, nodes, integers, paths):
     """Fills `nodes` and `paths`. order: a permutation of the emitters, changed so that clusters are contiguous."""

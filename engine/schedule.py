@@ -22,6 +22,7 @@ from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.embree import new_ray
 from .kernels.path import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables, make_tile_kernel
+from .lighttree import load_builder
 from .pack import Packed, pack
 from .result import Progress, Result
 from .scene import Camera, Scene
@@ -110,6 +111,11 @@ def _run(scene, settings, watch: _Watch, film: Film, result: Result, pool: Threa
     clock = time.perf_counter
     begun = clock()
     watch.tell("building", force=True)
+    if _may_need_tree(scene):
+        watch.wait_for([pool.submit(load_builder)], _compiling)
+    compile_seconds = clock() - begun
+
+    begun = clock()
     building = pool.submit(pack, scene, settings, watch.stopped)
     watch.wait_for([building], lambda _: "building")
     packed = building.result()
@@ -118,8 +124,8 @@ def _run(scene, settings, watch: _Watch, film: Film, result: Result, pool: Threa
 
     begun = clock()
     compiling = pool.submit(_load_kernel, packed, settings)
-    watch.wait_for([compiling], lambda t: "compiling (first time only)" if t > ANNOUNCE_SECONDS else "preparing")
-    result.seconds["compile"] = clock() - begun
+    watch.wait_for([compiling], _compiling)
+    result.seconds["compile"] = compile_seconds + clock() - begun
 
     begun = watch.render_start = clock()
     watch.film = film
@@ -127,6 +133,14 @@ def _run(scene, settings, watch: _Watch, film: Film, result: Result, pool: Threa
         _passes(settings, packed, watch, film, result, pool, threads)
     finally:
         result.seconds["render"] = clock() - begun
+
+
+def _compiling(seconds: float) -> str:
+    return "compiling (first time only)" if seconds > ANNOUNCE_SECONDS else "preparing"
+
+
+def _may_need_tree(scene: Scene) -> bool:
+    return len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials)
 
 
 def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result, pool, threads: int) -> None:
