@@ -6,6 +6,8 @@ in the order of its samples, so the same scene and seed give the same bits on an
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import itertools
 import os
 import threading
@@ -243,18 +245,58 @@ def _limits(features: Features, settings: Settings) -> Limits:
 def _load_kernel(packed: Packed, settings: Settings) -> None:
     """Have the kernel ready: a tile without pixels makes Numba compile it or read it from disk."""
     limits = _limits(packed.features, settings)
-    tile_kernel(packed.features)(
-        _tables(packed), limits, new_ray(), (0, 0, 0, 0), 0, 0, np.uint32(0), np.zeros(2, np.int64),
-        np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_),
-        np.zeros(COUNTERS, np.int64),
-    )  # fmt: skip
+    with _no_garbage_collection():
+        tile_kernel(packed.features)(
+            _tables(packed), limits, new_ray(), (0, 0, 0, 0), 0, 0, np.uint32(0), np.zeros(2, np.int64),
+            np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_),
+            np.zeros(COUNTERS, np.int64),
+        )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _no_garbage_collection():
+    """Numba makes millions of objects that live on: looking for garbage among them is a tenth of compiling."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def precompile_common() -> None:
-    """Compile the kernels of common scenes into the disk cache."""
-    packed = pack(Scene(camera=Camera()), Settings())
+    """Compile the kernels of common scenes into the disk cache, those that are needed soonest first.
+
+    Functions that kernels share are in the cache too: what these scenes have between them is most of what there is,
+    so that any other scene takes a second or two to compile, where the very first takes some twelve.
+    """
+    from .features import CONSTANT_WORLD, DISK, ELLIPSE, IMAGE_WORLD, POINT, SPHERE, SPOT
+    from .lighttree import build_light_tree
+
+    glossy = Features(phong=1, smooth=1)
+    lamp_lit = glossy._replace(lamp_kinds=DISK, lamp_shapes=1, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD)
     mesh_lit = Features(mesh_emitters=1, emitter_choice=EMITTER_TREE)
-    lamp_lit = Features(lamp_kinds=RECTANGLE, lamp_shapes=1, emitter_choice=ONE_EMITTER)
-    for features in (mesh_lit, mesh_lit._replace(phong=1, smooth=1), lamp_lit._replace(phong=1, smooth=1, world=1)):
+    every_lamp = POINT | SPHERE | DISK | RECTANGLE | ELLIPSE | SPOT
+    common = (
+        lamp_lit._replace(smooth=0),  # Blender's default scene
+        lamp_lit,
+        lamp_lit._replace(emitter_choice=EMITTER_TREE),
+        lamp_lit._replace(lamp_kinds=RECTANGLE),
+        lamp_lit._replace(lamp_kinds=RECTANGLE, emitter_choice=EMITTER_TREE),
+        glossy._replace(suns=1, sun_disks=1, world=CONSTANT_WORLD),
+        glossy._replace(world=CONSTANT_WORLD),
+        glossy._replace(world=IMAGE_WORLD),
+        mesh_lit._replace(rectangle_emitters=1, emitter_choice=ONE_EMITTER),  # the Cornell box
+        mesh_lit._replace(phong=1, smooth=1, world=CONSTANT_WORLD),
+        Features(
+            phong=1, smooth=1, instances=1, transparency=1, mesh_emitters=1, rectangle_emitters=1,
+            lamp_kinds=every_lamp, lamp_shapes=1, unshadowed=1, ray_kinds=1, emitter_choice=EMITTER_TREE, suns=1,
+            sun_disks=1, world=IMAGE_WORLD, lens=1, transparent_film=1, clamp=1,
+        ),
+    )  # fmt: skip
+    packed = pack(Scene(camera=Camera()), Settings())
+    for features in common:
         packed.features = features
         _load_kernel(packed, Settings())
+    build_light_tree(np.zeros((3, 6)), np.eye(3), np.zeros(3), np.ones(3), np.ones(3), np.ones(3, np.bool_))
