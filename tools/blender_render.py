@@ -126,10 +126,13 @@ def set_engine(scene, engine: str, as_is: bool = False) -> None:
 # --- rendering ------------------------------------------------------------------------------------------------
 
 
-def render(scene, on_progress: Callable[[int, int], None] | None = None) -> dict:
+def render(
+    scene, on_progress: Callable[[int, int], None] | None = None, on_message: Callable[[str], None] | None = None
+) -> dict:
     """Render `scene` into Blender's Render Result; gives back the report, with the keys of the command line's JSON.
 
-    on_progress(done, total)  samples; called whenever the engine says something
+    on_progress(done, total)  samples; called whenever the engine says how many it has
+    on_message(text)          whatever else it says: that it builds, or compiles
     """
     import bpy
 
@@ -137,6 +140,8 @@ def render(scene, on_progress: Callable[[int, int], None] | None = None) -> dict
         found = re.search(r"[Ss]amples?:? (\d+)/(\d+)", str(text))
         if found and on_progress is not None:
             on_progress(int(found[1]), int(found[2]))
+        elif not found and on_message is not None:
+            on_message(str(text).rsplit("|", 1)[-1].strip())
 
     bpy.app.handlers.render_stats.append(listen)
     start = time.perf_counter()

@@ -113,7 +113,8 @@ def run(options: argparse.Namespace) -> dict:
             bar.total = total
             bar.update(max(done - bar.n, 0))
 
-        report = br.render(scene, show)
+        report = br.render(scene, show, bar.set_postfix_str)
+        bar.set_postfix_str("")
         bar.total = max(int(report["samples"]), 1)
         bar.update(bar.total - bar.n)
     pixels = br.picture(scene, report)

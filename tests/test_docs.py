@@ -1,0 +1,93 @@
+"""The documentation against the project: commands exist, links resolve, pages that list things list all of them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from engine import CHOICES, Settings
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+README = REPOSITORY / "README.md"
+PAGES = [README, *sorted((REPOSITORY / "docs").glob("*.md")), REPOSITORY / "benchmarks" / "README.md"]
+LINK = re.compile(r"\]\(([^)#\s]+)[^)]*\)")
+LARGEST_PICTURE = 150_000  # bytes
+
+
+def identify(path: Path) -> str:
+    return path.relative_to(REPOSITORY).as_posix()
+
+
+def read(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def tables() -> set[str]:
+    """The tables that the benchmarks write: their links may stand before anyone has run them."""
+    sources = "".join(read(path) for path in (REPOSITORY / "benchmarks").glob("*.py"))
+    return {f"benchmarks/results/{name}.md" for name in re.findall(r'update_table\(\s*"(\w+)"', sources)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_links_resolve(page: Path) -> None:
+    for target in LINK.findall(read(page)):
+        if "://" not in target:
+            path = (page.parent / target).resolve()
+            assert path.exists() or identify(path) in tables(), f"{identify(page)} links to {target}"
+
+
+def test_commands_are_make_targets() -> None:
+    targets = set(re.findall(r"^(\w+):", read(REPOSITORY / "Makefile"), re.MULTILINE))
+    commands = set(re.findall(r"^ {4}make (\w+)", read(README), re.MULTILINE))
+    assert {"render", "test", "package"} <= commands <= targets
+
+
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_files_named_exist(page: Path) -> None:
+    """Except NAME in capitals, which the reader chooses, and the results, which the benchmarks write."""
+    named = re.findall(r"`((?:addon|benchmarks|docs|engine|sample_blends|tests|tools)/[\w./-]+)`", read(page))
+    checked = [name for name in named if "NAME" not in name and not name.startswith("benchmarks/results/")]
+    assert [name for name in checked if not (REPOSITORY / name).exists()] == []
+
+
+def test_scripts_in_commands_exist() -> None:
+    scripts = {script for page in PAGES for script in re.findall(r"python ([\w/]+\.py)", read(page))}
+    assert scripts
+    assert sorted(script for script in scripts if not (REPOSITORY / script).is_file()) == []
+
+
+def test_the_settings_page_lists_every_setting() -> None:
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", read(REPOSITORY / "docs" / "settings.md"), re.MULTILINE))
+    assert set(rows) == {field.name for field in fields(Settings)}
+    for field in fields(Settings):
+        shown = rows[field.name].strip().strip("`")
+        expected = {True: "on", False: "off"}[field.default] if field.type == "bool" else field.default
+        assert shown == f"{expected:g}" if isinstance(expected, float) else shown == str(expected)
+
+
+def test_the_settings_page_names_every_choice() -> None:
+    page = read(REPOSITORY / "docs" / "settings.md")
+    assert [choice for choices in CHOICES.values() for choice in choices if f"`{choice}`" not in page] == []
+
+
+def test_the_materials_page_names_every_node() -> None:
+    folder = REPOSITORY / "addon" / "export"
+    sources = [*(folder / "materials").glob("*.py"), folder / "world.py"]
+    nodes = {node for path in sources for node in re.findall(r'"(ShaderNode\w+)"', read(path))}
+    nodes -= {"ShaderNodeOutput", "ShaderNodeOutputMaterial", "ShaderNodeOutputWorld"}
+    page = read(REPOSITORY / "docs" / "materials.md")
+    assert sorted(node for node in nodes if f"`{node}`" not in page) == []
+
+
+def test_pictures_are_small() -> None:
+    pictures = sorted((REPOSITORY / "docs" / "images").iterdir())
+    assert pictures
+    assert [p.name for p in pictures if p.suffix != ".png" or p.stat().st_size >= LARGEST_PICTURE] == []
+
+
+def test_the_licence_is_there() -> None:
+    assert "GNU GENERAL PUBLIC LICENSE" in read(REPOSITORY / "LICENSE")[:200]
+    assert "GPL-3.0-or-later" in read(REPOSITORY / "blender_manifest.toml")
