@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..engine import Result, Settings
+from ..engine import Result, Scene, Settings
 from .memory import current_and_peak_mb
 
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
@@ -20,14 +20,20 @@ def start_report() -> dict:
         "peak_memory_mb": 0.0,
         "skipped": [],
         "warnings": [],
+        "not_exported": [],
         "rejected": 0,
         "stopped": False,
         "road": "",
     }
 
 
-def add_layer(report: dict, result: Result, settings: Settings, export_seconds: float, total_seconds: float) -> None:
-    """Add one view layer's render to the report of the frame."""
+def add_layer(
+    report: dict, scene: Scene, result: Result, settings: Settings, export_seconds: float, total_seconds: float
+) -> None:
+    """Add one view layer's render to the report of the frame.
+
+    Of what is skipped, the scene's own part is for the user: the rest tells which code the kernel does without.
+    """
     report["samples"] = result.samples
     report["road"] = settings.road
     seconds = report["seconds"]
@@ -37,23 +43,36 @@ def add_layer(report: dict, result: Result, settings: Settings, export_seconds: 
     report["rejected"] += result.rejected
     report["stopped"] |= result.stopped
     report["peak_memory_mb"] = round(current_and_peak_mb()[1], 1)
-    for key, sentences in (("skipped", result.skipped), ("warnings", result.warnings)):
+    for key, sentences in (
+        ("skipped", result.skipped),
+        ("not_exported", scene.skipped),
+        ("warnings", result.warnings + nothing_to_see(scene)),
+    ):
         report[key] += [s for s in dict.fromkeys(sentences) if s not in report[key]]
+
+
+def nothing_to_see(scene: Scene) -> list[str]:
+    """Why a picture comes out empty or black, where that is certain."""
+    if not len(scene.instances):
+        return ["there is nothing to render: no object has faces, so the picture shows the world alone"]
+    if not (scene.lights or any(scene.world.color) or any(any(material.emission) for material in scene.materials)):
+        return ["nothing gives light, so the picture is black: add a lamp, an emission or a world colour"]
+    return []
 
 
 def publish(report: dict, engine) -> None:
     """Show the report to the user, and keep it."""
     last_report.clear()
     last_report.update(report)
-    if report["warnings"]:
-        engine.report({"WARNING"}, "Lobe: " + "\n".join(report["warnings"]))
+    for warning in report["warnings"]:
+        engine.report({"WARNING"}, f"Lobe: {warning}")
     if report["rejected"]:
         engine.report(
             {"WARNING"},
             f"Lobe: left out {report['rejected']} samples that were not finite numbers. This is a bug in Lobe",
         )
-    if report["skipped"]:
-        engine.report({"INFO"}, "Lobe left out: " + ", ".join(report["skipped"]))
+    if report["not_exported"]:
+        engine.report({"INFO"}, "Lobe left out: " + ", ".join(report["not_exported"]))
     engine.report({"INFO"}, summary(report))  # last, where the status bar shows it
 
 

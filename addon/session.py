@@ -5,6 +5,7 @@ Blender's side of the render stays on the thread that Blender called us on; the 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import threading
 import time
@@ -13,7 +14,7 @@ import bpy
 import numpy as np
 
 from .. import engine as lobe
-from .export import export_scene, export_settings
+from .export import ExportStopped, export_scene, export_settings
 from .memory import current_and_peak_mb
 from .report import add_layer
 
@@ -45,11 +46,16 @@ class Session:
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
-        self.scene = export_scene(depsgraph)
+        self.scene: lobe.Scene | None = None  # None when the user cancelled the export
+        with contextlib.suppress(ExportStopped):
+            self.scene = export_scene(depsgraph, stop=self.cancelled)
         self.export_seconds = time.perf_counter() - start
 
     def render(self, report: dict) -> None:
         """Trace and write the layer's picture; adds to the frame's `report`."""
+        if self.scene is None:
+            report["stopped"] = True
+            return
         start = time.perf_counter()
         picture = _Picture(self.engine, self.scene, self.layer)
         worker = _Worker(self.scene, self.settings)
@@ -60,7 +66,7 @@ class Session:
             if result is not None:
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
-                add_layer(report, result, self.settings, self.export_seconds, total)
+                add_layer(report, self.scene, result, self.settings, self.export_seconds, total)
             finished = True
         finally:
             # Also on Ctrl-C, which arrives here as KeyboardInterrupt.
@@ -79,9 +85,8 @@ class Session:
         said_at = start
         while not worker.wait(TICK):
             if self.cancelled():
-                worker.stop()
                 # A build or a compilation can't be interrupted: it ends in the background, unseen.
-                worker.wait(PATIENCE)
+                worker.stop(PATIENCE)
                 break
             now, progress = time.perf_counter(), worker.progress
             if progress is not None and (
@@ -115,8 +120,10 @@ class _Worker:
         self.progress: lobe.Progress | None = None
         self.picture_wanted = False
         self._pixels: np.ndarray | None = None
+        self._news = threading.Event()  # a picture that was wanted, or the end
         self._result: lobe.Result | None = None
         self._error: BaseException | None = None
+        self._done = False
         self._stop = threading.Event()
         # A daemon: Blender may be closed while a cancelled compilation still runs.
         self._thread = threading.Thread(target=self._run, args=(scene, settings), name="Lobe render", daemon=True)
@@ -127,12 +134,17 @@ class _Worker:
             self._result = lobe.render(scene, settings, progress=self._on_progress, stop=self._stop.is_set)
         except BaseException as error:  # raised again by outcome(), on the thread that can tell the user
             self._error = error
+        finally:
+            self._done = True
+            self._news.set()
 
     def _on_progress(self, progress: lobe.Progress) -> None:
         self.progress = progress
         if self.picture_wanted:
             self._pixels = progress.pixels()
             self.picture_wanted = self._pixels is None
+            if self._pixels is not None:
+                self._news.set()
 
     def take_pixels(self) -> np.ndarray | None:
         """The newest picture that was wanted, once."""
@@ -140,16 +152,19 @@ class _Worker:
         return pixels
 
     def wait(self, seconds: float) -> bool:
-        """True once the worker has ended."""
-        self._thread.join(seconds)
-        return not self._thread.is_alive()
+        """Until a picture that was wanted is there, or the end, but no longer than that; True once it has ended."""
+        self._news.wait(seconds)
+        self._news.clear()
+        return self._done
 
-    def stop(self) -> None:
+    def stop(self, patience: float = 0.0) -> None:
+        """Tell it to end, and wait for that for some seconds."""
         self._stop.set()
+        self._thread.join(patience)
 
     def outcome(self) -> lobe.Result | None:
         """The result; None when the render was cancelled before it had any. Raises what the worker raised."""
-        if self._thread.is_alive():
+        if not self._done:
             return None
         if self._error is not None:
             raise self._error

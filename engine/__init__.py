@@ -70,17 +70,35 @@ def render(
     progress  called several times a second, on the caller's thread
     stop      asked at least ten times a second; True ends the render and keeps what was done
 
-    Raises SceneError or SettingsError for what cannot be rendered.
+    Raises SceneError or SettingsError for what cannot be rendered. Without Numba the reference road steps in, and the
+    result says so.
     """
     settings.validate()
     scene.validate()
-    if settings.road == "REFERENCE":
-        from .reference import render_reference
+    problem = None if settings.road == "REFERENCE" else _numba_problem()
+    if settings.road == "COMPILED" and problem is None:
+        from .schedule import render_compiled
 
-        return render_reference(scene, settings, progress=progress, stop=stop)
-    from .schedule import render_compiled
+        return render_compiled(scene, settings, progress=progress, stop=stop)
+    from .reference import render_reference
 
-    return render_compiled(scene, settings, progress=progress, stop=stop)
+    result = render_reference(scene, settings, progress=progress, stop=stop)
+    if problem is not None:
+        result.warnings.append(f"Numba could not be imported ({problem}): rendered by the slow reference road")
+    return result
+
+
+def _numba_problem() -> str | None:
+    """Why Numba can't be imported, None where it can.
+
+    Another extension may have brought versions of it, of llvmlite or of numpy that don't go together, which shows in
+    errors of many kinds; the reference road needs none of them.
+    """
+    try:
+        import numba  # noqa: F401
+    except Exception as error:
+        return (str(error).splitlines() or [type(error).__name__])[0]
+    return None
 
 
 def precompile() -> None:

@@ -27,16 +27,22 @@ from .scene import (
     scene_error,
 )
 
+MAX_REACH = 1e18  # metres: Embree takes 1.8e18 for infinite
+
 
 def validate_scene(scene: Scene) -> None:
     """Raises SceneError for the first thing in `scene` that cannot be rendered."""
     _check_picture(scene)
     _check_camera(scene.camera)
-    for mesh in scene.meshes:
-        _check_mesh(mesh)
+    for index, mesh in enumerate(scene.meshes):
+        try:
+            _check_mesh(mesh)
+        except SceneError as error:
+            raise SceneError(_owner(scene.instances, index, mesh.name) + str(error)) from None
     for material in scene.materials:
         _check_material(material)
     _check_instances(scene.instances, len(scene.meshes), scene.materials)
+    _check_reach(scene.instances, scene.meshes)
     for light in scene.lights:
         _check_light(light)
     _check_world(scene.world)
@@ -110,6 +116,34 @@ def _check_mesh(mesh: Mesh) -> None:
         _check_array("mesh", mesh.name, "material_slots", mesh.material_slots, (faces,), np.int32)
         if faces and mesh.material_slots.min() < 0:
             raise scene_error("mesh", mesh.name, f"a face has the material slot {mesh.material_slots.min()}, below 0")
+
+
+def _owner(instances: Instances, mesh: int, name: str) -> str:
+    """The first object that shows a mesh, where that has another name: what the user finds it by."""
+    shown = np.flatnonzero(np.asarray(instances.mesh) == mesh)
+    number = int(instances.object[shown[0]]) if len(shown) and len(instances.object) > shown[0] else -1
+    known = 0 <= number < len(instances.object_names) and instances.object_names[number] != name
+    return f"object {instances.object_names[number]!r}, " if known else ""
+
+
+def _check_reach(instances: Instances, meshes: Sequence[Mesh]) -> None:
+    """Embree leaves out what lies further from the origin than its own infinity, and float32 products overflow there:
+    the object would be missing without a word. Bounds of boxes, so a box that reaches out may be refused for a mesh
+    that just doesn't."""
+    if not len(instances):
+        return
+    extent = np.array([np.abs([m.vertices.min(0), m.vertices.max(0)]).max(0) if len(m.vertices) else np.zeros(3)
+                       for m in meshes], np.float64)  # fmt: skip
+    moved = np.einsum("nij,nj->ni", np.abs(instances.transforms[:, :, :3]), extent[instances.mesh])
+    reach = (moved + np.abs(instances.transforms[:, :, 3])).max(axis=1)
+    far = int(np.argmax(reach))
+    if reach[far] > MAX_REACH:
+        raise scene_error(
+            "object",
+            instances.object_names[instances.object[far]],
+            f"it reaches {reach[far]:.2g} m from the origin, and {MAX_REACH:g} m is the limit; check its location, "
+            "scale and modifiers",
+        )
 
 
 def _check_indices(mesh: Mesh, what: str, indices: np.ndarray, count: int, of_what: str) -> None:

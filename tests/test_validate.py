@@ -336,10 +336,38 @@ def test_empty_mesh_and_faces_without_area_pass():
     scene.validate()
 
 
-def test_large_vertices_that_only_overflow_in_a_sum_pass():
+def far_scene(size: float, scale: float = 1.0) -> Scene:
     scene = Scene(camera=scenes.camera())
-    scene.add_instance(Mesh("vast", np.full((4, 3), 3e38, np.float32), np.array([[0, 1, 2]], np.uint32)))
-    scene.validate()
+    mesh = Mesh("plane", np.full((4, 3), size, np.float32), np.array([[0, 1, 2]], np.uint32))
+    scene.add_instance(mesh, np.eye(3, 4) * scale, name="Vast")
+    return scene
+
+
+def test_what_is_very_far_away_passes():
+    far_scene(9e17).validate()
+    far_scene(9.0, 1e17).validate()
+
+
+@pytest.mark.parametrize(("size", "scale"), [(3e38, 1.0), (3.0, 1e38)])
+def test_what_is_too_far_away_is_named(size, scale):
+    with pytest.raises(SceneError) as caught:
+        far_scene(size, scale).validate()
+    assert str(caught.value) == (
+        "object 'Vast': it reaches 3e+38 m from the origin, and 1e+18 m is the limit; "
+        "check its location, scale and modifiers"
+    )
+
+
+def test_a_mesh_under_another_name_is_named_by_its_object():
+    scene = Scene(camera=scenes.camera())
+    mesh = Mesh("Plane.001", np.full((3, 3), NAN, np.float32), np.array([[0, 1, 2]], np.uint32))
+    scene.add_instance(mesh, name="Table")
+    with pytest.raises(SceneError) as caught:
+        scene.validate()
+    assert str(caught.value) == (
+        "object 'Table', mesh 'Plane.001': vertex 0 is at (nan, nan, nan); "
+        "remove it, or the modifier or driver that made it"
+    )
 
 
 def test_a_large_scene_is_checked_in_no_time():

@@ -9,5 +9,6 @@ from __future__ import annotations
 
 from .scene import export_scene
 from .settings import export_settings
+from .stop import ExportStopped
 
-__all__ = ["export_scene", "export_settings"]
+__all__ = ["ExportStopped", "export_scene", "export_settings"]

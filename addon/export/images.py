@@ -12,6 +12,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from .stop import Stop
 from .units import srgb_to_linear
 
 MISSING = (1.0, 0.0, 1.0)
@@ -31,8 +32,9 @@ class Pixels(NamedTuple):
 class Images:
     """The images of one export, each read once. `notes` hears of colour spaces that could not be honoured."""
 
-    def __init__(self, notes) -> None:
+    def __init__(self, notes, stop: Stop) -> None:
         self._notes = notes
+        self._stop = stop
         self._pixels: dict = {}
         self._averages: dict = {}
 
@@ -56,6 +58,7 @@ class Images:
         return (node.image.as_pointer(), node.image_user.frame_current) if node.image else (0, 0)
 
     def _read(self, node) -> Pixels | None:
+        self._stop.check()
         image = node.image
         path = image_path(image, node.image_user)
         from_file = image.source in ("FILE", "SEQUENCE", "TILED") and not image.packed_files

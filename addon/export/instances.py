@@ -16,6 +16,7 @@ from .lights import export_light
 from .materials import MaterialTable
 from .meshes import export_mesh
 from .notes import Notes
+from .stop import Stop
 
 UNSUPPORTED_TYPES = {
     "CURVES": "hair curves",
@@ -45,15 +46,18 @@ class Kind(NamedTuple):
 
 NOTHING = Kind()
 
+ITEMS_A_CHECK = 1024  # a few milliseconds
+
 
 class Placement:
     """Collects the meshes, instances and lamps of one dependency graph."""
 
-    def __init__(self, depsgraph, materials: MaterialTable, notes: Notes) -> None:
+    def __init__(self, depsgraph, materials: MaterialTable, notes: Notes, stop: Stop) -> None:
         self.meshes: list[Mesh] = []
         self.lights: list[Lamp] = []
         self._materials = materials
         self._notes = notes
+        self._stop = stop
         self._view_layer = depsgraph.view_layer
         self._viewport = depsgraph.mode == "VIEWPORT"
         self._layer_flags = uses_layer_flags(depsgraph.view_layer.layer_collection)
@@ -67,7 +71,9 @@ class Placement:
         known: dict = {}
         kinds: list[Kind] = [NOTHING]
         of_item: list[int] = []  # index into `kinds`
-        for item in items:
+        for number, item in enumerate(items):
+            if number % ITEMS_A_CHECK == 0:
+                self._stop.check()
             object_ = item.object
             # A duplicate's `object` is a stand-in, at one address for all: the datablocks tell them apart.
             key = (object_.data, item.instance_object, item.parent) if item.is_instance else object_
@@ -134,6 +140,7 @@ class Placement:
     def _mesh(self, owner, data) -> int:
         """Index of the exported mesh of an evaluated datablock, -1 for one without faces."""
         if data not in self._mesh_index:
+            self._stop.check()
             mesh = self._export_mesh(owner, data)
             if mesh is None:
                 self._notes.skip("object", owner.name, "it has no faces")
@@ -146,9 +153,9 @@ class Placement:
         """In the viewport a mesh in edit mode is no arrays yet, and a subdivision may be left to the graphics card:
         both become a mesh on demand only."""
         if not self._viewport or owner.data != data or not is_deferred(owner, data):
-            return export_mesh(data, data.name)
+            return export_mesh(data, data.name, self._stop)
         try:
-            return export_mesh(owner.to_mesh(), data.name)
+            return export_mesh(owner.to_mesh(), data.name, self._stop)
         finally:
             owner.to_mesh_clear()
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...engine import Mesh
+from .stop import Stop
 
 
-def export_mesh(data, name: str) -> Mesh | None:
+def export_mesh(data, name: str, stop: Stop) -> Mesh | None:
     """Of an evaluated bpy mesh; None where it has no faces. Copies everything, keeps nothing of Blender's."""
     if not len(data.polygons):
         return None
@@ -20,8 +21,10 @@ def export_mesh(data, name: str) -> Mesh | None:
     if not count:
         return None
     positions = _positions(data)
+    stop.check()
     corners = _triangle_corners(data, count)
     triangles = _corner_vertices(data)[corners]
+    stop.check()
     normals, normal_indices = _normals(data, corners)
     return Mesh(
         name=name,

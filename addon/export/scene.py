@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ...engine import Scene
 from .camera import border, export_camera, resolution
 from .images import Images
@@ -9,11 +11,14 @@ from .instances import Placement
 from .materials import MaterialTable
 from .notes import Notes
 from .settings import film_exposure
+from .stop import Stop
 from .world import export_world
 
 
-def export_scene(depsgraph) -> Scene:
+def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
     """Everything that the picture of an evaluated dependency graph depends on, as plain arrays.
+
+    stop  asked often; once it says True, ExportStopped is raised
 
     Raises SceneError without a camera; all else that cannot be rendered is for `Scene.validate` to say. Nothing of
     Blender's is kept.
@@ -23,10 +28,11 @@ def export_scene(depsgraph) -> Scene:
     render = scene.render
     width, height = resolution(render)
     notes = Notes()
-    images = Images(notes)
+    stopping = Stop(stop)
+    images = Images(notes, stopping)
     camera = export_camera(scene, notes)
     materials = MaterialTable(notes, images, override=view_layer.material_override)
-    placement = Placement(depsgraph, materials, notes)
+    placement = Placement(depsgraph, materials, notes, stopping)
     world = export_world(getattr(view_layer, "world_override", None) or scene.world, notes, images)
     note_scene(render, notes)
     return Scene(

@@ -12,6 +12,7 @@ from ...engine import Visibility, World
 from .images import MISSING, Images
 from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
 from .materials.material import uses_nodes
+from .materials.nodes_math import euler_matrix
 from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output, source
 from .materials.values import Evaluator, as_color, node_label, value_node
@@ -147,12 +148,3 @@ def is_direction(slot: Slot) -> bool:
     if node.bl_idname == "ShaderNodeTexCoord":
         return slot.socket.identifier in ("Generated", "Object") and node.object is None
     return node.bl_idname == "ShaderNodeNewGeometry" and slot.socket.identifier == "Position"
-
-
-def euler_matrix(angles: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation by XYZ Euler angles in radians: about x first, then y, then z, as Blender's default order."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
-    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x

@@ -13,9 +13,10 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from importlib import metadata
 from pathlib import Path
 
+import embreex
+import llvmlite
 import numba
 
 KERNEL_FOLDER = Path(__file__).resolve().parent
@@ -29,8 +30,8 @@ def _source_hash() -> str:
     nor new versions of llvmlite and Embree.
     """
     digest = hashlib.sha256()
-    for package in ("numba", "llvmlite", "embreex"):
-        digest.update(f"{package} {metadata.version(package)}\0".encode())
+    for package in (numba, llvmlite, embreex):
+        digest.update(f"{package.__name__} {package.__version__}\0".encode())
     for path in [KERNEL_FOLDER.parent / "features.py", *sorted(KERNEL_FOLDER.rglob("*.py"))]:
         digest.update(path.relative_to(KERNEL_FOLDER.parent).as_posix().encode())
         digest.update(path.read_bytes())

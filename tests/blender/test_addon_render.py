@@ -151,6 +151,7 @@ def test_persistent_data_renders_again(simple_scene, fake, rendered) -> None:
 
 
 def test_report(simple_scene, fake, report) -> None:
+    bpy.ops.mesh.primitive_plane_add()
     simple_scene.view_layers.new("Second")
     bpy.ops.render.render()
     assert json.loads(json.dumps(report)) == report

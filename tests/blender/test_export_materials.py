@@ -447,3 +447,24 @@ def test_value_nodes_fold_as_in_cycles(tmp_path):
             wrong.append(f"{case}: {np.round(ours[f'Case {i:03}'], 4)}, Cycles {np.round(picture[i], 4)}")
     assert not wrong, "\n".join(wrong)
     assert scene.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [("POINT", (1.5, 2.75, 3.5)), ("TEXTURE", (0.75, 0.25, 0.5)), ("VECTOR", (0.5, 0.75, 0.5))],
+)
+def test_mapped_coordinates_count_with_the_middle(kind: str, expected) -> None:
+    """Scaled and mirrored, turned a quarter about z, moved."""
+    material, emission = new_material("M", "ShaderNodeEmission", Strength=1)
+    tree = material.node_tree
+    place, mapping = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMapping")
+    mapping.vector_type = kind
+    if kind == "POINT":
+        mapping.inputs["Location"].default_value = (1, 2, 3)
+    mapping.inputs["Rotation"].default_value = (0, 0, np.pi / 2)
+    mapping.inputs["Scale"].default_value = (2 / 3, -2, 1) if kind == "TEXTURE" else (1.5, -1, 1)
+    tree.links.new(place.outputs["Object"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs[0], emission.inputs["Color"])
+    result, warnings = exported(material)
+    assert result.emission == pytest.approx(expected)
+    assert warnings == ["material 'M': Texture Coordinate is not supported and counts with its middle"]

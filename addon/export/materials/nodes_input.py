@@ -39,6 +39,13 @@ def layer_weight(evaluator: Evaluator, slot: Slot) -> np.ndarray:
     return np.array([1.0 - 2.0 / (power + 2.0)])
 
 
+@value_node("ShaderNodeTexCoord")
+def texture_coordinate(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    """The middle of the object for the coordinates that run from 0 to 1 over it, and near enough for the others."""
+    evaluator.note(f"{node_label(slot.node)} is not supported and counts with its middle")
+    return np.full(3, 0.5)
+
+
 @value_node("ShaderNodeTexChecker")
 def checker(evaluator: Evaluator, slot: Slot) -> np.ndarray:
     _note_average(evaluator, slot)

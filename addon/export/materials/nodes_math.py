@@ -208,3 +208,28 @@ def separate_xyz(evaluator: Evaluator, slot: Slot) -> np.ndarray:
 def stack(*channels: np.ndarray) -> np.ndarray:
     """(..., 3) of three (..., 1)."""
     return np.concatenate(np.broadcast_arrays(*channels), axis=-1)
+
+
+@value_node("ShaderNodeMapping")
+def mapping(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    """Cycles, kernel/svm/mapping_util.h."""
+    names = ("Vector", "Location", "Rotation", "Scale")
+    vector, location, angles, scale = (evaluator.vector(slot.input(name)) for name in names)
+    turn = euler_matrix(angles)
+    kind = slot.node.vector_type
+    if kind == "TEXTURE":
+        return safe_divide((vector - location) @ turn, scale)
+    if kind == "NORMAL":
+        turned = safe_divide(vector, scale) @ turn.T
+        return safe_divide(turned, length(turned))
+    turned = (vector * scale) @ turn.T
+    return turned + location if kind == "POINT" else turned
+
+
+def euler_matrix(angles: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation by XYZ Euler angles in radians: about x first, then y, then z, as Blender's default order."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x

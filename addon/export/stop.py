@@ -1,0 +1,21 @@
+"""Cancelling an export: what is exported asks `Stop.check` before each step that can take long."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class ExportStopped(Exception):
+    """The caller's `stop` said so."""
+
+
+class Stop:
+    """Blender's answer costs a microsecond: once for every mesh, image and thousandth instance is nothing."""
+
+    def __init__(self, stop: Callable[[], bool] | None = None) -> None:
+        self._stop = stop
+
+    def check(self) -> None:
+        """Raises ExportStopped once the user has cancelled."""
+        if self._stop is not None and self._stop():
+            raise ExportStopped

@@ -1,0 +1,96 @@
+"""Where compiled kernels are kept: never a crash for want of a folder, nor a folder that grows without end."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from engine.kernels import jit
+
+SHOW = "from engine.kernels import jit; print(jit.CACHE_FOLDER)"
+
+
+def run(code: str, repository: Path, **environment: str) -> str:
+    """What a fresh Python prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=repository,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def unwritable(tmp_path: Path) -> Path:
+    """A path where no folder can be made, not even by root: a file stands in the way."""
+    (tmp_path / "file").touch()
+    return tmp_path / "file"
+
+
+def test_the_folder_is_the_one_that_was_chosen(repository, tmp_path) -> None:
+    folder = Path(run(SHOW, repository, LOBE_CACHE_DIR=str(tmp_path)))
+    assert folder.parent == tmp_path / "kernels"
+    assert folder.is_dir()
+
+
+def test_a_folder_that_cannot_be_written_is_replaced(repository, tmp_path) -> None:
+    folder = Path(run(SHOW, repository, LOBE_CACHE_DIR=str(unwritable(tmp_path)), TMPDIR=str(tmp_path)))
+    assert folder.is_relative_to(tmp_path)
+    assert folder.is_dir()
+
+
+def test_kernels_compile_where_no_folder_can_be_kept(repository, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("LOBE_CACHE_DIR", str(unwritable(tmp_path)))
+    monkeypatch.setattr(jit, "_is_writable", lambda folder: False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = jit._cache_folder()
+    assert folder.is_dir()
+    assert folder.parent == tmp_path
+    monkeypatch.setattr(jit, "CACHE_FOLDER", folder)
+    assert jit.kernel(lambda x: x + 1)(1) == 2
+    jit._prune(folder)  # which has no brothers to delete
+    assert folder.is_dir()
+
+
+def test_a_user_without_a_name(monkeypatch) -> None:
+    def getuser():
+        raise KeyError("getpwuid(): uid not found: 4711")
+
+    monkeypatch.setattr(jit.getpass, "getuser", getuser)
+    monkeypatch.delenv("LOBE_CACHE_DIR", raising=False)
+    assert jit._user()
+    assert jit._cache_folder().is_dir()
+
+
+def test_old_versions_are_deleted(tmp_path) -> None:
+    folders = [tmp_path / "kernels" / f"version {i}" for i in range(6)]
+    for i, folder in enumerate(folders):
+        folder.mkdir(parents=True)
+        (folder / "kernel.nbi").touch()
+        os.utime(folder, (i, i))
+    jit._prune(folders[1])  # in use, so the newest
+    assert sorted(f.name for f in (tmp_path / "kernels").iterdir()) == ["version 1", "version 4", "version 5"]
+
+
+@pytest.mark.parametrize("package", ["numba", "llvmlite", "embreex"])
+def test_another_version_of_a_package_is_another_folder(monkeypatch, package: str) -> None:
+    before = jit._source_hash()
+    monkeypatch.setattr(getattr(jit, package), "__version__", "0.0")
+    assert jit._source_hash() != before
+
+
+def test_the_cache_of_others_stays_their_own() -> None:
+    import numba
+
+    before = numba.config.CACHE_DIR
+    assert str(jit.CACHE_FOLDER) != before
+    compiled = jit.kernel(test_the_cache_of_others_stays_their_own)
+    assert compiled.stats.cache_path.startswith(str(jit.CACHE_FOLDER))
+    assert before == numba.config.CACHE_DIR

@@ -1,0 +1,54 @@
+"""Where Numba can't be imported the picture still comes out, and the report says why it took so long."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+RENDER = """
+import sys
+sys.path.insert(0, "tests")
+{block}
+import scenes
+from engine import Settings, render
+result = render(scenes.furnace(), Settings(samples=1, road="{road}"))
+assert result.pixels.shape[2] == 4 and result.rays > 0
+assert "engine.schedule" not in sys.modules
+print(*result.warnings, sep="\\n")
+"""
+
+MISSING = 'sys.modules["numba"] = None'
+BROKEN = """
+class Broken:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numba":
+            raise {error}
+
+sys.meta_path.insert(0, Broken())
+"""
+
+
+def warnings_of(block: str, repository, road: str = "COMPILED") -> str:
+    code = RENDER.format(block=block, road=road)
+    done = subprocess.run([sys.executable, "-c", code], cwd=repository, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    ("block", "why"),
+    [
+        (MISSING, "import of numba halted; None in sys.modules"),
+        (BROKEN.format(error='ImportError("Numba needs NumPy 2.1 or less")'), "Numba needs NumPy 2.1 or less"),
+        (BROKEN.format(error='OSError("libllvmlite.so\\nmore")'), "libllvmlite.so"),
+    ],
+)
+def test_the_reference_road_steps_in(block: str, why: str, repository) -> None:
+    expected = f"Numba could not be imported ({why}): rendered by the slow reference road"
+    assert warnings_of(block, repository) == expected
+
+
+def test_the_reference_road_by_choice_is_nothing_to_warn_of(repository) -> None:
+    assert warnings_of(MISSING, repository, road="REFERENCE") == ""
