@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+RETRIES = 8  # of reading pixels that are being written
+
 
 class Film:
     """Sums over the samples of each pixel of a region.
@@ -20,7 +22,16 @@ class Film:
         self.samples = np.zeros((y1 - y0, x1 - x0), np.int32)
 
     def pixels(self) -> np.ndarray:
-        """(h, w, 4) float32, scene-linear, premultiplied; black where there is no sample yet."""
-        picture = self.sums / np.maximum(self.samples, 1)[:, :, None]
+        """(h, w, 4) float32, scene-linear, premultiplied; black where there is no sample yet.
+
+        May be called while threads add to the film: pixels that changed while they were read are read again.
+        """
+        before, sums = self.samples.copy(), self.sums.copy()
+        for _ in range(RETRIES):
+            torn = self.samples != before
+            if not torn.any():
+                break
+            before[torn], sums[torn] = self.samples[torn], self.sums[torn]
+        picture = sums / np.maximum(before, 1)[:, :, None]
         picture[:, :, :3] *= self.exposure
         return picture.astype(np.float32)

@@ -32,7 +32,7 @@ from .settings import Settings
 
 FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a picture stands early
 PASS_SAMPLES = 32  # samples of every pass after them
-TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds, so that a stop takes effect soon
+TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 0.7  # a kernel from the disk cache is there before that
@@ -49,11 +49,10 @@ class _Watch:
 
     def __init__(self, settings: Settings, progress, stop):
         self.total, self._progress, self._stop = settings.samples, progress, stop
+        self._time_limit = settings.time_limit
         self.start = self._told = time.perf_counter()
         self.film: Film | None = None
-        self.samples = 0
         self.render_start = 0.0
-        self._first = True
 
     def stopped(self) -> bool:
         return self._stop is not None and bool(self._stop())
@@ -67,6 +66,8 @@ class _Watch:
         done = float(film.samples.mean()) if film is not None else 0.0
         if done > 0:
             remaining = (now - self.render_start) * (self.total - done) / done
+            if self._time_limit:
+                remaining = min(remaining, max(self.render_start + self._time_limit - now, 0))
         picture = film.pixels if film is not None and done > 0 else lambda: None
         self._progress(Progress(int(done), self.total, now - self.start, remaining, message, picture))
 
@@ -151,8 +152,8 @@ def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result,
     adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
     active = adaptive.active if adaptive else np.ones((1, 1), np.bool_)
     half = adaptive.half if adaptive else np.zeros((1, 1, 3))
-    halt = threading.Event()
-    counters = np.zeros(COUNTERS, np.int64)
+    halt = np.zeros(1, np.uint8)
+    total = np.zeros(COUNTERS, np.int64)
     x0, y0 = film.region[:2]
     origin = np.array([x0, y0], np.int64)
     deadline = watch.render_start + settings.time_limit if settings.time_limit else np.inf
@@ -160,11 +161,11 @@ def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result,
     def work(tiles: Iterator[tuple[int, int, int, int]], first: int, count: int) -> tuple[int, np.ndarray]:
         ray, counters, rays = new_ray(), np.zeros(COUNTERS, np.int64), 0
         for tile in tiles:
-            if halt.is_set() or time.perf_counter() > deadline:
-                break
+            if halt[0] or (first > 0 and time.perf_counter() > deadline):
+                break  # the first pass is finished in any case: a picture with holes is none
             rays += render_tile(
                 tables, limits, ray, tile, first, count, np.uint32(settings.seed & 0xFFFFFFFF), origin,
-                film.sums, film.samples, half, active, counters,
+                film.sums, film.samples, half, active, counters, halt,
             )  # fmt: skip
         return rays, counters
 
@@ -173,16 +174,17 @@ def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result,
         futures = [pool.submit(work, tiles, first, count) for _ in range(threads)]
         try:
             watch.wait_for(futures, lambda _: "rendering")
-        except BaseException:
-            halt.set()
-            raise
         finally:
+            # All threads have to be out of the kernel before anything that they read can go.
+            halt[0] = any(not future.done() for future in futures)
+            wait(futures)
             for future in futures:
-                rays, counted = future.result()
-                result.rays += rays
-                counters += counted
-                result.rejected = int(counters[REJECTED])
-                result.draws_per_direction = float(counters[DRAWS] / max(counters[DIRECTIONS], 1))
+                if future.exception() is None:
+                    rays, counted = future.result()
+                    result.rays += rays
+                    total += counted
+            result.rejected = int(total[REJECTED])
+            result.draws_per_direction = float(total[DRAWS] / max(total[DIRECTIONS], 1))
         watch.tell("rendering", force=first == 0)
         if adaptive is not None and adaptive.update():
             break
@@ -249,7 +251,7 @@ def _load_kernel(packed: Packed, settings: Settings) -> None:
         tile_kernel(packed.features)(
             _tables(packed), limits, new_ray(), (0, 0, 0, 0), 0, 0, np.uint32(0), np.zeros(2, np.int64),
             np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_),
-            np.zeros(COUNTERS, np.int64),
+            np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
         )  # fmt: skip
 
 

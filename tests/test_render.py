@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 import scenes
 
-from engine import Material, SceneError, Settings, SettingsError, Visibility, World, render
+from engine import AreaLight, Material, SceneError, Settings, SettingsError, Visibility, World, render
+from engine.kernels.embree import is_finite
+from engine.kernels.jit import kernel
 
 QUICK = Settings(samples=8, threads=2)
 
@@ -152,3 +154,36 @@ def test_rejection_sampling_counts_its_draws():
     directions = 32 * 32 * 64  # at least one for each path
     assert result.draws_per_direction == pytest.approx(1 / p, abs=4 * np.sqrt(1 - p) / p / np.sqrt(directions))
     assert render(scenes.furnace(size=4), QUICK).draws_per_direction == 0
+
+
+@kernel
+def finite(values, out):
+    for i in range(len(values)):
+        out[i] = is_finite(values[i])
+
+
+def test_the_guard_against_values_that_are_not_finite_survives_fastmath():
+    values = np.array([0, -1, 3e38, np.nan, np.inf, -np.inf], np.float32)
+    out = np.zeros(len(values), np.bool_)
+    finite(values, out)
+    assert out.tolist() == [True, True, True, False, False, False]
+
+
+def test_pure_phong_seen_from_behind_its_shading_normal():
+    """No lobe answers there; with kinds of rays told apart this once was 0 / 0."""
+    scene = scenes.lamp_room(["area"], 32)
+    scene.materials[1] = Material("mirror", ks=(0.8,) * 3, exponent=50)
+    ball = scenes.sphere_mesh(5, radius=0.5, smooth=True, name="coarse")
+    scene.add_instance(ball, np.column_stack([np.eye(3), (0.5, -0.6, 0.5)]), materials=(1,))
+    result = render(scene, replace(QUICK, samples=64, max_bounces=4, diffuse_bounces=2))
+    assert result.rejected == 0
+    assert np.isfinite(result.pixels).all()
+
+
+def test_wall_right_behind_a_lamp_hides_the_world():
+    scene = scenes.Scene(width=8, height=8, camera=scenes.camera(half_width=1e-3), world=World(color=(7.0,) * 3))
+    scene.camera.transform[:, 3] = (0, -300, 0)
+    scene.materials = [Material("black")]
+    scene.add_instance(scenes.quad_mesh((-9, 0.0005, -9), (18, 0, 0), (0, 0, 18)))
+    scene.lights = [AreaLight("lamp", scenes.place((0, 0, 0), (0, -1, 0)), radiance=(1.0,) * 3, size_x=9, size_y=9)]
+    assert picture(scene)[..., :3] == pytest.approx(1.0, rel=1e-5)

@@ -1,4 +1,4 @@
-"""Embree as seen from kernels: the library, its entry points, and the ray that kernels hand over.
+"""Embree as seen from kernels: the library, its entry points, the ray that kernels hand over, and a float's bits.
 
 The library is the one that the `embreex` wheel carries. Building scenes is `engine/accel.py`'s business; here are
 only the two calls that a path makes, and the layout of the 96 bytes that they read and write.
@@ -35,11 +35,12 @@ for _name in ("rtcIntersect1", "rtcOccluded1"):
 _rtcIntersect1 = types.ExternalFunction("rtcIntersect1", types.void(types.voidptr, types.voidptr, types.voidptr))
 _rtcOccluded1 = types.ExternalFunction("rtcOccluded1", types.void(types.voidptr, types.voidptr, types.voidptr))
 
-# RTCRayHit as float32 words; from MASK on they are read and written as uint32, but for the normal and u, v.
-ORG, TNEAR, DIR, TIME, TFAR, MASK, FLAGS = 0, 3, 4, 7, 8, 9, 11
+# RTCRayHit as float32 words (origin, tnear, direction, time, tfar, then as uint32 mask, id and flags; the hit).
+TFAR = 8
 NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID = 12, 15, 16, 17, 18, 19, 20
 RAY_WORDS = 24
 INVALID = np.uint32(0xFFFFFFFF)
+_EXPONENT_BITS = np.int32(0x7F800000)
 
 
 def new_ray() -> np.ndarray:
@@ -77,6 +78,12 @@ def float_of(typing_context, value):
         return builder.bitcast(args[0], context.get_value_type(types.float32))
 
     return types.float32(types.int32), codegen
+
+
+@device
+def is_finite(value):
+    """By its bits: fastmath folds `isfinite`, which is x - x == 0, to True."""
+    return (bits_of(value) & _EXPONENT_BITS) != _EXPONENT_BITS
 
 
 @device

@@ -18,7 +18,19 @@ from ..features import DARK_WORLD, DISK, IMAGE_WORLD, NO_EMITTER, Features
 from .bsdf import evaluate, phong_probability, sample
 from .bsdf.diffuse import REJECTION
 from .camera import generate_ray
-from .embree import GEOM_ID, INST_ID, INVALID, NORMAL, PRIM_ID, TFAR, intersect, occluded
+from .embree import (
+    GEOM_ID,
+    INST_ID,
+    INVALID,
+    NORMAL,
+    PRIM_ID,
+    TFAR,
+    bits_of,
+    float_of,
+    intersect,
+    is_finite,
+    occluded,
+)
 from .film.filter import sample_filter
 from .geom.surface import find_surface, offset_origin
 from .geom.vec import (
@@ -40,6 +52,7 @@ from .geom.vec import (
 from .jit import device, kernel
 from .light.emitters import (
     emission,
+    found_by_rays,
     lamp_seen,
     local_probability,
     sample_light,
@@ -65,8 +78,10 @@ from .tables import (
 )
 
 FAR = np.float32(np.inf)
-# A shadow ray ends this part of its length before the light, so that it does not meet the light itself.
-SHADOW_END = np.float32(1 - 1e-4)
+HALF = np.float32(0.5)
+# A shadow ray ends a little before the light, so that it does not meet the light itself: this part of its length, and
+# this part of the coordinates, which is some roundings of float32.
+SHADOW_GAP, COORDINATE_GAP = np.float32(1e-5), np.float32(1e-6)
 # Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule; on the Cornell box 1.25 takes
 # 5 % more rays and 13 % off the variance.
 ROULETTE_KEEP = np.float32(1.25)
@@ -132,7 +147,7 @@ def material_color(geometry, material, word):
 def transmittance(f, geometry, ray, words, start, direction, t_far):
     """(fraction of light that gets through from `start` on, as far as `t_far`, rays traced).
 
-    t_far is infinite, or SHADOW_END for a `direction` that reaches from `start` to the light.
+    t_far is infinite, or just below 1 for a `direction` that reaches from `start` to the light.
     """
     if not f.transparency:
         blocked = occluded(geometry.accel[0], ray, words, start, direction, ZERO, t_far, SHADOW_RAY)
@@ -153,14 +168,22 @@ def transmittance(f, geometry, ray, words, start, direction, t_far):
 
 @device
 def past(t):
-    """A start for the rest of a ray that has met a lamp at t and goes on."""
-    return t * np.float32(1 + 4e-6) + np.float32(1e-30)  # beyond t also where t is 0
+    """A start for the rest of a ray that has met a lamp at t and goes on: the next floats, so that a surface right
+    behind the lamp is not passed over."""
+    return float_of(np.int32(bits_of(t) + np.int32(4)))
 
 
 @device
 def diffuse_part(kd):
     """The diffuse lobe's share of a BRDF value."""
     return scale(kd, INV_PI)
+
+
+@device
+def shadow_end(p, t):
+    """Where, as a part of its length t, a shadow ray from p ends."""
+    largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
+    return ONE - min(SHADOW_GAP + COORDINATE_GAP * largest / t, HALF)
 
 
 @device
@@ -193,7 +216,7 @@ def direct_light(f, tables, ray, words, surface, p, start, n, ng, own, wo, key, 
     # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
     direction, t_far = light.wi, FAR
     if light.t < FAR:
-        direction, t_far = sub(add_scaled(p, light.wi, light.t), start), SHADOW_END
+        direction, t_far = sub(add_scaled(p, light.wi, light.t), start), shadow_end(p, light.t)
     through, rays = transmittance(f, geometry, ray, words, start, direction, t_far)
     return mul(contribution, through), rays
 
@@ -251,6 +274,9 @@ def met_lamp(f, tables, ray, words, lamp, origin, p, n, wi, pdf_bsdf, mask):
         leaves = wi[0] * ray[NORMAL] + wi[1] * ray[NORMAL + 1] + wi[2] * ray[NORMAL + 2] > ZERO
         if leaves and not inside_lamp(lights.lamps, lamp, p):
             return BLACK, rays
+    scattered = pdf_bsdf > ZERO
+    if scattered and not found_by_rays(f, lights, lamp, p):
+        return BLACK, rays
     radiance, pdf = lamp_seen(f, lights, lamp, p, n, wi, length(to_p))
     if is_black(radiance):
         return BLACK, rays
@@ -260,7 +286,7 @@ def met_lamp(f, tables, ray, words, lamp, origin, p, n, wi, pdf_bsdf, mask):
         t_disk = disk_distance(lights.lamps, lamp, p, wi) - (length(to_p) - t_hit)
         if t_disk > t_hit and occluded(geometry.accel[0], ray, words, origin, wi, t_hit, t_disk, mask):
             return BLACK, rays
-    if pdf_bsdf > ZERO:
+    if scattered:
         pdf *= local_probability(f, tables.tree, lamp, p, n)
     return scale(radiance, light_weight(f, pdf_bsdf, pdf)), rays
 
@@ -273,8 +299,8 @@ def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_
     key, order = start_sample(pixel_hash, index)
     u1, u2 = sample_2d(tables.sampler, key, order, PIXEL)
     dx, dy = sample_filter(tables.filter_table, u1, u2)
-    x = np.float32(pixel_x) + np.float32(0.5) + dx
-    y = np.float32(pixel_y) + np.float32(0.5) + dy
+    x = np.float32(pixel_x) + HALF + dx
+    y = np.float32(pixel_y) + HALF + dy
     if f.lens:
         u1, u2 = sample_2d(tables.sampler, key, order, LENS)
     origin, wi, t_near, t_far = generate_ray(tables.camera, f.orthographic, f.lens, x, y, u1, u2)
@@ -361,7 +387,7 @@ def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_
         if f.hemisphere == REJECTION and draws:
             counters[DRAWS] += draws
             counters[DIRECTIONS] += 1
-        if not pdf_bsdf > ZERO:
+        if not pdf_bsdf > ZERO or is_black(value):
             break
         bounce += 1
         mask = DIFFUSE_RAY
@@ -400,16 +426,19 @@ def make_tile_kernel(features: Features):
 
     @kernel
     def render_tile(
-        tables, limits, ray, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, counters
+        tables, limits, ray, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, counters, halt
     ):
         """Add samples first_sample.. of the pixels of `tile` (x0, y0, x1, y1) to the film, whose pixel (0, 0) is the
         picture's pixel `origin`. half and active are `engine/adaptive.py`'s, one pixel large where it is off.
-        counters[REJECTED] counts samples that are not finite and were left out. Returns the number of rays traced."""
+        counters[REJECTED] counts samples that are not finite and were left out. halt[0]
+        ends the work before the next pixel. Returns the number of rays traced."""
         words = ray.view(np.uint32)
         adaptive = active.size > 1
         rays = 0
         for y in range(tile[1], tile[3]):
             for x in range(tile[0], tile[2]):
+                if halt[0]:
+                    return rays
                 row, column = y - origin[1], x - origin[0]
                 if adaptive and not active[row, column]:
                     continue
@@ -420,7 +449,7 @@ def make_tile_kernel(features: Features):
                         features, tables, limits, ray, words, counters, x, y, pixel_hash, index
                     )
                     rays += traced
-                    if not math.isfinite(radiance[0] + radiance[1] + radiance[2]):
+                    if not is_finite(radiance[0] + radiance[1] + radiance[2]):
                         counters[REJECTED] += 1
                         continue
                     red += radiance[0]

@@ -44,8 +44,7 @@ def find_surface(f, geometry, ray, words, wo):
     if dot(ng, wo) < ZERO:
         ng, n = negate(ng), negate(n)
     n = normalize(n) if f.smooth else ng
-    # A normal that is zero or points into the surface says nothing about shading.
-    if f.smooth and dot(n, ng) <= ZERO:
+    if f.smooth and dot(n, n) == ZERO:  # a mesh may have normals of length zero, which say nothing
         n = ng
     return p, n, ng, material, triangle
 

@@ -27,7 +27,7 @@ from ..jit import device
 from ..tables import EMISSION, LAMP_MASK, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED
 from .area import ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
 from .environment import environment_lookup, sample_environment
-from .point import disk_lamp_seen, sample_disk_lamp, sample_point, sample_sphere_lamp, sphere_lamp_seen
+from .point import disk_lamp_seen, inside_lamp, sample_disk_lamp, sample_point, sample_sphere_lamp, sphere_lamp_seen
 from .spherical import rectangle_pdf, sample_rectangle, sample_triangle, triangle_pdf
 from .sun import sample_sun, sun_seen
 from .tree import sample_tree, tree_probability
@@ -115,7 +115,8 @@ def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
         wi, t, radiance, pdf, delta = _sample_lamp(f, lights, emitter, p, n, u1, u2)
         mask = np.uint32(lights.lamps[emitter, LAMP_MASK])
         shadowed = not (f.unshadowed and lights.lamps[emitter, UNSHADOWED] > ZERO)
-        return LightSample(wi, t, radiance, pdf * chosen * share, delta or not shadowed, shadowed, mask)
+        alone = delta or not found_by_rays(f, lights, emitter, p)
+        return LightSample(wi, t, radiance, pdf * chosen * share, alone, shadowed, mask)
     return no_sample()
 
 
@@ -162,17 +163,20 @@ def local_probability(f, tree, emitter, p, n):
 
 
 @device
-def lamp_seen(f, lights, i, p, n, wi, t):
-    """(radiance, pdf without the choice) for a ray from p that meets the shape of lamp i at t.
-
-    The pdf is infinite for a lamp that casts no shadow: light sampling alone finds it, as rays would be blocked.
-    """
-    radiance, pdf = _lamp_seen(f, lights, i, p, n, wi, t)
-    return radiance, FAR if f.unshadowed and lights.lamps[i, UNSHADOWED] > ZERO else pdf
+def found_by_rays(f, lights, i, p):
+    """Whether a ray that was scattered at p shares the light of lamp i with light sampling. If not, light sampling
+    alone finds it: a lamp that casts no shadow, as rays would be blocked; and a disk, which is met by way of the
+    sphere around it, where p is inside that sphere or something transparent may lie there."""
+    if f.unshadowed and lights.lamps[i, UNSHADOWED] > ZERO:
+        return False
+    if f.lamp_kinds & DISK and lights.lamp_kind[i] & DISK:
+        return not (f.transparency or inside_lamp(lights.lamps, i, p))
+    return True
 
 
 @device
-def _lamp_seen(f, lights, i, p, n, wi, t):
+def lamp_seen(f, lights, i, p, n, wi, t):
+    """(radiance, pdf without the choice) for a ray from p that meets the shape of lamp i at t."""
     kind, lamps = lights.lamp_kind[i], lights.lamps
     spot = (f.lamp_kinds & SPOT) and (kind & SPOT)
     if f.lamp_kinds & RECTANGLE and kind & RECTANGLE:
