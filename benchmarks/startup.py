@@ -46,6 +46,7 @@ def child_enable() -> dict:
 
 def child_render() -> dict:
     """Seconds to the first pixels, to the end, and in compilation."""
+    sys.modules["scipy"] = None  # type: ignore[assignment]  # Blender has none, and where it is Numba imports it
     common.enable_lobe()
     import bpy
     from bl_ext.user_default.lobe import engine

@@ -27,7 +27,14 @@ from .scene import (
     scene_error,
 )
 
-MAX_REACH = 1e18  # metres: Embree takes 1.8e18 for infinite
+# Metres. The kernels square the cross product of a triangle's edges: beyond, float32 overflows.
+MAX_REACH = 1e9
+# Metres, of lamps: they have no edges to multiply, but the square of a distance must fit float32.
+MAX_LAMP_REACH = 1e18
+# A lamp's radius or a sun's angle below this counts as 0: their squares vanish in float32.
+SMALLEST_SIZE = 1e-15
+# How far from orthogonal a rotation may be.
+ROTATION_TOLERANCE = 1e-4
 
 
 def validate_scene(scene: Scene) -> None:
@@ -71,22 +78,24 @@ def _check_camera(camera: Camera | None) -> None:
     if abs(np.linalg.det(axes / np.maximum(np.linalg.norm(axes, axis=0), 1e-300))) < 1e-6:
         raise SceneError("the camera: its axes do not span space, check its scale and that of its parents")
     left, right, bottom, top = camera.window
-    if not np.all(np.isfinite(camera.window)) or left >= right or bottom >= top:
+    if not _fits(camera.window) or left >= right or bottom >= top:
         raise SceneError(f"the camera: its view {tuple(camera.window)} is empty, check focal length, sensor and scale")
-    if not (np.isfinite(camera.clip_start) and camera.clip_end > camera.clip_start):
+    if not camera.clip_start >= 0:
+        raise SceneError(f"the camera: clip start is {camera.clip_start} m, set it to 0 or more")
+    if not (_fits(camera.clip_start) and camera.clip_end > camera.clip_start):
         raise SceneError(
             f"the camera: clip start ({camera.clip_start} m) must be nearer than clip end ({camera.clip_end} m)"
         )
     lens = camera.aperture
     if lens is None:
         return
-    if not (np.isfinite(lens.radius) and lens.radius >= 0):
+    if not (_fits(lens.radius) and lens.radius >= 0):
         raise SceneError(f"the camera: its aperture radius is {lens.radius} m, set it to 0 or more")
-    if not (np.isfinite(lens.focus_distance) and lens.focus_distance > 0):
+    if not (_fits(lens.focus_distance) and lens.focus_distance > 0):
         raise SceneError(f"the camera: its focus distance is {lens.focus_distance} m, set it above 0")
-    if not (np.isfinite(lens.ratio) and lens.ratio > 0):
+    if not (lens.ratio > 0 and _fits((lens.ratio, lens.radius / lens.ratio))):
         raise SceneError(f"the camera: its aperture ratio is {lens.ratio}, set it above 0")
-    if not np.isfinite(lens.rotation):
+    if not _fits(lens.rotation):
         raise SceneError(f"the camera: its aperture rotation is {lens.rotation}, set it to a number")
 
 
@@ -127,9 +136,8 @@ def _owner(instances: Instances, mesh: int, name: str) -> str:
 
 
 def _check_reach(instances: Instances, meshes: Sequence[Mesh]) -> None:
-    """Embree leaves out what lies further from the origin than its own infinity, and float32 products overflow there:
-    the object would be missing without a word. Bounds of boxes, so a box that reaches out may be refused for a mesh
-    that just doesn't."""
+    """Products of far coordinates overflow float32: the object would be drawn black or be missing without a word.
+    Bounds of boxes, so a box that reaches out may be refused for a mesh that just doesn't."""
     if not len(instances):
         return
     extent = np.array([np.abs([m.vertices.min(0), m.vertices.max(0)]).max(0) if len(m.vertices) else np.zeros(3)
@@ -216,8 +224,8 @@ def _check_material(material: Material) -> None:
 
     for what, label in (("kd", "diffuse colour kd"), ("ks", "Phong colour ks"), ("emission", "emission")):
         value = np.asarray(getattr(material, what), np.float64)
-        if value.shape != (3,) or not np.all(np.isfinite(value)):
-            raise fail(f"its {label} is {_text(value)}; set it to three finite numbers")
+        if value.shape != (3,) or not _fits(value):
+            raise fail(f"its {label} is {_text(value)}; set it to three finite numbers{_limit(value)}")
         if np.any(value < 0):
             raise fail(f"its {label} is negative {_text(value)}; set every channel to 0 or more")
     if not (np.isfinite(material.exponent) and material.exponent >= 0):
@@ -236,13 +244,16 @@ def _check_light(light: Lamp) -> None:
     if type(light) not in energy:
         raise fail(f"Lobe does not know lights of the kind {type(light).__name__}")
     value = np.asarray(getattr(light, energy[type(light)]), np.float64)
-    if value.shape != (3,) or not np.all(np.isfinite(value)):
-        raise fail(f"its energy is not finite {_text(value)}; set it to a number")
+    if value.shape != (3,) or not _fits(value):
+        raise fail(f"its energy is not finite {_text(value)}; set it to a number{_limit(value)}")
     if np.any(value < 0):
         raise fail("its energy is negative; Lobe cannot subtract light, set it to 0 or more")
 
-    if isinstance(light, PointLight) and not (np.isfinite(light.radius) and light.radius >= 0):
-        raise fail(f"its radius is {light.radius:g} m; set it to 0 or more")
+    if isinstance(light, PointLight):
+        if not (_fits(light.radius) and light.radius >= 0):
+            raise fail(f"its radius is {light.radius:g} m; set it to 0 or more")
+        if light.radius >= SMALLEST_SIZE and not _fits(value / (np.pi * light.radius**2)):
+            raise fail(f"its energy is too much for its radius of {light.radius:g} m; lower it, or set the radius to 0")
     if isinstance(light, SpotLight):
         if not 0 < light.half_angle <= np.pi / 2 * (1 + 1e-6):
             angle = np.degrees(2 * light.half_angle)
@@ -250,23 +261,46 @@ def _check_light(light: Lamp) -> None:
         if not 0 <= light.blend <= 1:
             raise fail(f"its spot blend is {light.blend:g}; set it between 0 and 1")
     if isinstance(light, AreaLight):
-        if not (np.isfinite(light.size_x) and np.isfinite(light.size_y) and min(light.size_x, light.size_y) >= 0):
+        if not (_fits((light.size_x, light.size_y)) and min(light.size_x, light.size_y) >= 0):
             raise fail(f"its size is {light.size_x:g} x {light.size_y:g} m; set both to 0 or more")
         if not 0 < light.spread <= np.pi * (1 + 1e-6):
             raise fail(f"its spread is {np.degrees(light.spread):g} degrees; set it above 0 and to 180 at most")
-    if isinstance(light, SunLight) and not 0 <= light.angle <= np.pi * (1 + 1e-6):
-        raise fail(f"its angle is {np.degrees(light.angle):g} degrees; set it between 0 and 180")
+    if isinstance(light, SunLight):
+        if not 0 <= light.angle <= np.pi * (1 + 1e-6):
+            raise fail(f"its angle is {np.degrees(light.angle):g} degrees; set it between 0 and 180")
+        if light.angle >= SMALLEST_SIZE and not _fits(value / (np.pi * np.sin(light.angle / 2) ** 2)):
+            raise fail("its energy is too much for its angle; lower it, or set the angle to 0")
+        return  # its place does not matter
+    _check_lamp_reach(light)
+
+
+def _check_lamp_reach(light: Lamp) -> None:
+    matrix = np.abs(np.asarray(light.transform, np.float64))
+    reach = float(matrix[:, 3].max())
+    if isinstance(light, PointLight):
+        reach += light.radius
+    if isinstance(light, AreaLight):
+        reach += float(max(matrix[:, 0].max() * light.size_x, matrix[:, 1].max() * light.size_y))
+    if reach > MAX_LAMP_REACH:
+        raise scene_error(
+            "light",
+            light.name,
+            f"it reaches {reach:.2g} m from the origin, and {MAX_LAMP_REACH:g} m is the limit; check its location, "
+            "size and scale",
+        )
 
 
 def _check_world(world: World) -> None:
     color = np.asarray(world.color, np.float64)
-    if color.shape != (3,) or not np.all(np.isfinite(color)):
-        raise SceneError(f"the world: its colour is {_text(color)}; set it to three finite numbers")
+    if color.shape != (3,) or not _fits(color):
+        raise SceneError(f"the world: its colour is {_text(color)}; set it to three finite numbers{_limit(color)}")
     if np.any(color < 0):
         raise SceneError(f"the world: its colour is negative {_text(color)}; set every channel to 0 or more")
     rotation = np.asarray(world.rotation)
     if rotation.shape != (3, 3) or not np.all(np.isfinite(rotation)):
         raise SceneError("the world: its rotation is not finite; check the mapping of its image")
+    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE):
+        raise SceneError("the world: its rotation scales or shears; check the mapping of its image")
     if world.image is None:
         return
     if not isinstance(world.image, np.ndarray) or world.image.ndim != 3 or world.image.shape[2] != 3:
@@ -282,6 +316,12 @@ def _check_world(world: World) -> None:
             f"the world: pixel ({bad % width}, {bad // width}) of its image, counted from the bottom left, is not "
             "finite; repair the image or choose another"
         )
+    # Tables sum up neighbouring pixels: room for some of them is left.
+    if not _fits(8 * float(world.image.max()) * np.maximum(color, 1)):
+        raise SceneError(
+            f"the world: the brightest pixel of its image has the value {world.image.max():g}, too much to calculate "
+            "with; lower it or the strength"
+        )
 
 
 def _check_transform(who: str, transform: np.ndarray) -> np.ndarray:
@@ -289,7 +329,7 @@ def _check_transform(who: str, transform: np.ndarray) -> np.ndarray:
     matrix = np.asarray(transform, np.float64)
     if matrix.shape != (3, 4):
         raise SceneError(f"{who}: its transform has the shape {matrix.shape}, it must be (3, 4)")
-    if not np.all(np.isfinite(matrix)):
+    if not _fits(matrix):
         raise SceneError(
             f"{who}: its transform holds values that are not finite; "
             "check its location, rotation, scale, drivers and parents"
@@ -325,6 +365,17 @@ def _first_bad_row(rows: np.ndarray) -> int | None:
         return None
     finite = np.isfinite(rows).all(axis=1)
     return None if finite.all() else int(np.argmin(finite))
+
+
+def _fits(value) -> bool:
+    """All of it is finite, also in float32, which is what the kernels calculate with."""
+    with np.errstate(over="ignore"):
+        return bool(np.all(np.isfinite(np.asarray(value, np.float64).astype(np.float32))))
+
+
+def _limit(value: np.ndarray) -> str:
+    """What to add to a message that asks for finite numbers, if these are but are too large for float32."""
+    return f" below {np.finfo(np.float32).max:.2g}" if np.all(np.isfinite(value)) else ""
 
 
 def _text(value: np.ndarray) -> str:

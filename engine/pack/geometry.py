@@ -32,6 +32,9 @@ BAKE_LIMIT = 1 << 16
 # An instance matrix that squeezes space by more than this has no usable inverse in float32: baked instead.
 FLATTEST_INSTANCE = 1e-6
 
+# Sharper mirrors cannot be told apart, and the kernels' float32 keeps to numbers that it can square.
+MAX_EXPONENT = 1e8
+
 INVALID = np.uint32(0xFFFFFFFF)
 SCATTERED = int(Visibility.DIFFUSE | Visibility.GLOSSY | Visibility.SHADOW)
 
@@ -41,7 +44,8 @@ class PackedGeometry:
     """`tables` lacks the lamps' shapes and the Embree address; `shapes` go to Embree in the order of their ids."""
 
     tables: Geometry
-    visibility: np.ndarray  # (T,) uint8, of baked triangles
+    baked_count: int  # of triangles in world space; they come first
+    visibility: np.ndarray  # (baked_count,) uint8
     shapes: list[TriangleGeometry | InstanceGeometry]
     features: dict[str, int]
 
@@ -150,14 +154,14 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
         triangles=_join(out.triangles, (0, 3), np.uint32),
         triangle_slot=_join(out.slots, (0,), np.int32),
         normals=_join(out.normals, (0, 3), np.float32),
-        normal_triangles=out.joined_normal_triangles(),
+        normal_triangles=own(out.joined_normal_triangles(), np.uint32),
         kind=np.array(kind, np.int32),
         base=np.array(base, np.int32),
         instance_base=np.array(instance_base, np.int32),
         transforms=_join(transforms, (0, 3, 4), np.float32),
         slot_offset=_join(slot_offset, (0,), np.int32),
         slot_count=_join(slot_count, (0,), np.int32),
-        slots=np.asarray(instances.material_table, np.int32),
+        slots=own(instances.material_table, np.int32),
         materials=materials,
     )
     used = np.zeros(len(materials), bool)
@@ -174,7 +178,12 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
         "instances": int(placed_count > 0),
         "transparency": int(np.any(seen[:, TRANSPARENCY : TRANSPARENCY + 3] > 0)),
     }
-    return PackedGeometry(tables, _join(visible, (0,), np.uint8), shapes, features)
+    return PackedGeometry(tables, baked_count, _join(visible, (0,), np.uint8), shapes, features)
+
+
+def own(values, dtype) -> np.ndarray:
+    """A fresh array for a table. Numba compiles a kernel anew, for seconds, if one is strided or read-only."""
+    return np.array(values, dtype, order="C")
 
 
 def pack_materials(scene: Scene) -> np.ndarray:
@@ -183,7 +192,7 @@ def pack_materials(scene: Scene) -> np.ndarray:
     for row, material in zip(table, scene.materials, strict=True):
         row[KD : KD + 3] = material.kd
         row[KS : KS + 3] = material.ks
-        row[EXPONENT] = material.exponent
+        row[EXPONENT] = min(material.exponent, MAX_EXPONENT)
         row[EMISSION : EMISSION + 3] = material.emission
         row[TRANSPARENCY : TRANSPARENCY + 3] = material.transparency
     return table

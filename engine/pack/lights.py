@@ -8,9 +8,12 @@ import numpy as np
 
 from ..accel import SphereGeometry, TriangleGeometry
 from ..features import (
+    CONSTANT_WORLD,
+    DARK_WORLD,
     DISK,
     ELLIPSE,
     EMITTER_TREE,
+    IMAGE_WORLD,
     NO_EMITTER,
     ONE_EMITTER,
     POINT,
@@ -21,14 +24,16 @@ from ..features import (
 from ..kernels import tables as t
 from ..kernels.light.environment import build_environment
 from ..lighttree import build_light_tree
-from ..scene import AreaLight, Lamp, PointLight, Scene, SpotLight, SunLight, Visibility, World
-from .geometry import PackedGeometry
+from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SpotLight, SunLight, Visibility, World
+from ..validate import SMALLEST_SIZE
+from .geometry import PackedGeometry, own
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-RAYS_THAT_SEE = Visibility.CAMERA | Visibility.DIFFUSE | Visibility.GLOSSY
-# Below this half spread, 1 / (tan h - h) cancels: its series is 3 / h^3.
-SMALL_SPREAD = 0.05
+SCATTERED_RAYS = Visibility.DIFFUSE | Visibility.GLOSSY
+RAYS_THAT_SEE = Visibility.CAMERA | SCATTERED_RAYS
+# Below this half spread, 1 / (tan h - h) cancels in float64: its series is 3 / h^3. Its cube must fit float32.
+SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
 # How far, in parts of its size, two triangles may be off a rectangle and still be sampled as one.
 RECTANGLE_TOLERANCE = 1e-5
 
@@ -60,8 +65,9 @@ class Emitters:
 
 def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     """Adds the quads of area lamps to the geometry's vertex and triangle buffers, as Embree shares them."""
-    local: list[Lamp] = [light for light in scene.lights if isinstance(light, PointLight | AreaLight)]
-    suns = [light for light in scene.lights if isinstance(light, SunLight)]
+    lit = [light for light in scene.lights if _shines(light)]
+    local: list[Lamp] = [light for light in lit if isinstance(light, PointLight | AreaLight)]
+    suns = [light for light in lit if isinstance(light, SunLight)]
     rows = np.zeros((len(local), t.LAMP_WORDS), np.float32)
     kinds = np.zeros(len(local), np.int32)
     for i, light in enumerate(local):
@@ -72,12 +78,12 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         rows[i, t.UNSHADOWED] = float(not light.cast_shadow)
         rows[i, t.LAMP_MASK] = float(int(light.visibility & RAYS_THAT_SEE))
 
-    emitter_triangle, rectangles, triangle_emitter, mesh_emitters = _mesh_emitters(geometry.tables, len(local))
+    emitter_triangle, rectangles, triangle_emitter, mesh_emitters = _mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
     shapes, shape_kind, shape_base, of_quad, of_sphere = _lamp_shapes(local, kinds, rows, geometry)
     emitters = _join_emitters(_lamp_emitters(local, kinds, rows), mesh_emitters)
     count = len(emitters.power)
-    world_kind = 0 if not any(scene.world.color) else (1 if scene.world.image is None else 2)
+    world_kind = _world_kind(scene.world)
     tables = t.Lights(
         lamps=rows,
         lamp_kind=kinds,
@@ -89,18 +95,18 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         emitter_rectangle=rectangles,
         suns=np.array([_pack_sun(sun) for sun in suns], np.float32).reshape(-1, t.SUN_WORDS),
         world=np.array([*scene.world.color, float(int(scene.world.visibility))], np.float32),
-        world_rotation=np.ascontiguousarray(scene.world.rotation, np.float32),
+        world_rotation=own(scene.world.rotation, np.float32),
     )
     features = {
         "mesh_emitters": int(len(emitter_triangle) > 0),
         "rectangle_emitters": int(len(rectangles) > 0),
         "lamp_kinds": int(np.bitwise_or.reduce(kinds)) if len(kinds) else 0,
         "lamp_shapes": int(bool(shapes)),
-        "unshadowed": int(any(not light.cast_shadow for light in scene.lights)),
+        "unshadowed": int(any(not light.cast_shadow for light in lit)),
         "emitter_choice": NO_EMITTER if count == 0 else ONE_EMITTER if count == 1 else EMITTER_TREE,
         "ray_kinds": int(_kinds_differ(scene)),
         "suns": int(bool(suns)),
-        "sun_disks": int(any(sun.angle > 0 for sun in suns)),
+        "sun_disks": int(any(sun.angle >= SMALLEST_SIZE for sun in suns)),
         "world": world_kind,
     }
     return PackedLights(
@@ -122,10 +128,29 @@ def _kinds_differ(scene: Scene) -> bool:
     return any(mask & both != both for mask in masks)
 
 
+def _shines(light: Lamp) -> bool:
+    """Whether any ray can find light there. What cannot is left out: it would be drawn for nothing."""
+    color = BLACK
+    if isinstance(light, AreaLight):
+        color = light.radiance
+    elif isinstance(light, SunLight):
+        color = light.irradiance
+    elif isinstance(light, PointLight):
+        color = light.intensity
+    return any(color) and bool(light.visibility & RAYS_THAT_SEE)
+
+
+def _world_kind(world: World) -> int:
+    if not any(world.color):
+        return DARK_WORLD
+    return CONSTANT_WORLD if world.image is None else IMAGE_WORLD
+
+
 def _world_image(world: World, kind: int) -> np.ndarray:
-    if kind != 2 or world.image is None:
+    """Not copied if it is as `own` would make it: such an image may be large."""
+    if kind != IMAGE_WORLD or world.image is None:
         return NO_IMAGE
-    return np.ascontiguousarray(world.image, np.float32)
+    return np.require(world.image, np.float32, ["C", "A", "W", "E"])
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
@@ -138,11 +163,12 @@ def _pack_point(row: np.ndarray, light: PointLight) -> int:
     matrix = np.asarray(light.transform, np.float64)
     row[t.POSITION : t.POSITION + 3] = matrix[:, 3]
     row[t.AXIS : t.AXIS + 3] = -_unit(matrix[:, 2])
-    row[t.SIZE : t.SIZE + 2] = light.radius
+    radius = light.radius if light.radius >= SMALLEST_SIZE else 0.0
+    row[t.SIZE : t.SIZE + 2] = radius
     intensity = np.asarray(light.intensity, np.float64)
-    if light.radius > 0:
+    if radius > 0:
         kind = DISK if light.soft_falloff else SPHERE
-        row[t.RADIANCE : t.RADIANCE + 3] = intensity / (np.pi * light.radius**2)
+        row[t.RADIANCE : t.RADIANCE + 3] = intensity / (np.pi * radius**2)
     else:
         kind = POINT
         row[t.RADIANCE : t.RADIANCE + 3] = intensity
@@ -169,7 +195,7 @@ def _pack_area(row: np.ndarray, light: AreaLight) -> int:
     half = light.spread / 2
     if half < np.pi / 2 - 1e-6:
         row[t.TAN_SPREAD] = np.tan(half)
-        row[t.SPREAD_NORM] = 1 / (np.tan(half) - half) if half > SMALL_SPREAD else 3 / max(half, 1e-3) ** 3
+        row[t.SPREAD_NORM] = 1 / (np.tan(half) - half) if half > SMALL_SPREAD else 3 / max(half, SMALLEST_SPREAD) ** 3
     return ELLIPSE if light.ellipse else RECTANGLE
 
 
@@ -180,7 +206,7 @@ def _pack_sun(light: SunLight) -> np.ndarray:
     row[t.SUN_MASK] = float(int(light.visibility & RAYS_THAT_SEE))
     irradiance = np.asarray(light.irradiance, np.float64)
     half = light.angle / 2
-    if half > 0:
+    if light.angle >= SMALLEST_SIZE:
         row[t.SUN_RADIANCE : t.SUN_RADIANCE + 3] = irradiance / (np.pi * np.sin(half) ** 2)
         row[t.SUN_ONE_MINUS_COS] = 2 * np.sin(half / 2) ** 2
     else:
@@ -242,12 +268,14 @@ def _append_quads(geometry: PackedGeometry, corners: np.ndarray) -> None:
     geometry.tables = old._replace(vertices=vertices, triangles=np.concatenate([old.triangles, quads]))
 
 
-def _mesh_emitters(geometry: t.Geometry, lamp_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Emitters]:
+def _mesh_emitters(packed: PackedGeometry, lamp_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Emitters]:
     """Emissive surfaces with an area: the triangle of each emitter, its rectangle, the emitter of every triangle, and
     what the tree needs. Two triangles that make a rectangle are one emitter."""
+    geometry = packed.tables
     glows = np.any(geometry.materials[:, t.EMISSION : t.EMISSION + 3] > 0, axis=1)
-    baked = baked_count(geometry)
-    lit = np.flatnonzero(glows[geometry.triangle_slot[:baked]]) if np.any(glows) else np.zeros(0, np.int64)
+    lit = (
+        np.flatnonzero(glows[geometry.triangle_slot[: packed.baked_count]]) if np.any(glows) else np.zeros(0, np.int64)
+    )
     corners = geometry.vertices[geometry.triangles[lit]].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double_area = np.linalg.norm(normals, axis=1)
@@ -267,6 +295,7 @@ def _mesh_emitters(geometry: t.Geometry, lamp_count: int) -> tuple[np.ndarray, n
     low[first], high[first] = np.minimum(low[first], low[second]), np.maximum(high[first], high[second])
     power = geometry.materials[geometry.triangle_slot[lit], t.EMISSION : t.EMISSION + 3] @ LUMINANCE * double_area / 2
     power[first] += power[second]
+    power[(packed.visibility[lit] & int(SCATTERED_RAYS)) == 0] = 0  # only the camera sees it
     shape = np.zeros((int(alone.sum()), 9), np.float32)
     shape[emitter[first]] = rectangles
     emitters = Emitters(
@@ -307,12 +336,6 @@ def _rectangles(geometry: t.Geometry, lit: np.ndarray) -> tuple[np.ndarray, np.n
     return chosen, np.concatenate([corner, edge_x, edge_y], axis=1)[chosen].astype(np.float32).reshape(-1, 9)
 
 
-def baked_count(geometry: t.Geometry) -> int:
-    """The number of triangles in world space; they come first."""
-    instanced = geometry.base[geometry.kind == t.INSTANCED_MESH]
-    return int(instanced.min()) if len(instanced) else len(geometry.triangle_slot)
-
-
 def _lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Emitters:
     """Bounds, orientation and power of the lamps. Power in the unit of the emissive triangles': radiance x area."""
     count = len(local)
@@ -337,6 +360,8 @@ def _lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Em
             # Seen from the side of a wide lamp the cone's rim shines beyond its angle: keep it conservative.
             out.theta_e[i] = _spot_reach(light) if isinstance(light, SpotLight) else np.pi / 2
             out.power[i] = radiance * (np.pi * radius**2 if radius > 0 else 1)
+        if not light.visibility & SCATTERED_RAYS:
+            out.power[i] = 0  # only the camera sees it
         out.bounds[i] = [*low, *high]
     return out
 

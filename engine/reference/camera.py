@@ -59,10 +59,10 @@ def _aperture(count: int, blades: int, rotation: float, rng: np.random.Generator
     """Points in the unit disk, or in the regular polygon within it."""
     if blades < 3:
         return disk(count, rng)
-    # A triangle between the centre and one edge, then a uniform point in it.
+    # A triangle between the centre and one side, then a uniform point in it. The middle of side 0 lies at `rotation`.
     corner = rng.integers(blades, size=count)
     s, t = np.sqrt(rng.random(count)), rng.random(count)
-    start, end = (2 * np.pi / blades * (corner + k) + rotation for k in (0, 1))
+    start, end = (2 * np.pi / blades * (corner + k - 0.5) + rotation for k in (0, 1))
     return (
         s * ((1 - t) * np.cos(start) + t * np.cos(end)),
         s * ((1 - t) * np.sin(start) + t * np.sin(end)),

@@ -17,7 +17,8 @@ Kinds of rays.  A ray is a camera, a diffuse or a glossy one. After a direction 
     hidden from diffuse (glossy) rays gives no light to the diffuse (Phong) lobe.
 Lamps.  They are seen but are no obstacles. A lamp that casts no shadow, or any emitter if objects differ in what
     shadow rays and other rays see of them, is found by light sampling alone: two ways that do not see the same
-    things cannot share.
+    things cannot share. A world of one colour is then found by BSDF sampling alone, which is how it is best found,
+    and so shadow rays take nothing from it. Both as in Cycles, confirmed with renders.
 Transparency.  A path goes straight on with a certain probability, and this is no bounce; shadow rays are dimmed.
 Clamping.  A contribution counts as direct if it is found after at most one scattering, as in Cycles.
 """
@@ -33,7 +34,7 @@ from ..scene import Scene, Visibility
 from ..settings import Settings
 from . import bsdf
 from .geometry import Geometry, Surface
-from .lights import Drawn, Emitter, MeshLight, make_lamp, make_world
+from .lights import ConstantWorld, Drawn, Emitter, MeshLight, make_lamp, make_world
 from .vectors import dot
 
 CAMERA, DIFFUSE, GLOSSY = (int(v) for v in (Visibility.CAMERA, Visibility.DIFFUSE, Visibility.GLOSSY))
@@ -98,15 +99,17 @@ class Integrator:
         self.lamps.append(make_world(scene.world, radius))
         self.world = self.lamps[-1]
 
-        # Light sampling: half by power, half evenly, so that a near weak lamp is not forgotten.
         scattered = DIFFUSE | GLOSSY
+        blocking = self.geometry.visibility & (scattered | int(Visibility.SHADOW))
+        self.share_light = bool(np.all((blocking == 0) | (blocking == (scattered | int(Visibility.SHADOW)))))
+
+        # Light sampling: half by power, half evenly, so that a near weak lamp is not forgotten.
         self.emitters = [e for e in [*self.lamps, self.mesh_light] if e.power > 0 and e.visibility & scattered]
+        if not self.share_light:
+            self.emitters = [e for e in self.emitters if not isinstance(e, ConstantWorld)]
         power = np.array([e.power for e in self.emitters])
         self.chance = 0.5 * power / max(power.sum(), 1e-300) + 0.5 / max(len(power), 1)
         self._chance_of = dict(zip(map(id, self.emitters), self.chance, strict=True))
-
-        blocking = self.geometry.visibility & (scattered | int(Visibility.SHADOW))
-        self.share_light = bool(np.all((blocking == 0) | (blocking == (scattered | int(Visibility.SHADOW)))))
 
     def radiance(
         self,

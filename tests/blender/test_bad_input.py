@@ -97,7 +97,7 @@ def test_an_object_that_is_nowhere(scene, refused) -> None:
 def test_an_object_out_of_reach(scene, refused) -> None:
     bpy.data.objects["Table"].location.x = 1e30
     assert refused() == (
-        "Error: object 'Table': it reaches 1e+30 m from the origin, and 1e+18 m is the limit; "
+        "Error: object 'Table': it reaches 1e+30 m from the origin, and 1e+09 m is the limit; "
         "check its location, scale and modifiers"
     )
 

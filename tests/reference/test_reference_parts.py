@@ -256,6 +256,9 @@ def test_lens_rays_meet_in_the_focus(blades, area):
     lens = (origin - (1, 2, 3))[:, [0, 2]] / 0.2
     lens[:, 0] *= 2
     assert np.all(length(lens) <= 1 + 1e-9)
+    if blades == 3:  # the middle of a side lies at the angle 0
+        assert lens[:, 0].max() == pytest.approx(0.5, abs=0.01)
+        assert lens[:, 0].min() < -0.9
     inner = np.mean(length(lens) < 0.4)  # a uniform density over the polygon's area
     assert inner == pytest.approx(np.pi * 0.16 / area, abs=0.03)
 

@@ -6,6 +6,7 @@ Pictures of 8 seeds each: pixel by pixel with Welch's t-test, and their means.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import scenes
 from scipy import stats
 
 import engine
-from engine.scene import Scene
+from engine.scene import Aperture, Material, Scene
 from engine.settings import Settings
 
 SEEDS = 8
@@ -21,11 +22,22 @@ SIZE = 16
 PIXEL_LEVEL = 0.0025  # a pixel fails below this p-value; so 0.25 % of them do though all is right
 MEAN_LEVEL = 1e-3
 
+
+def bokeh() -> Scene:
+    """A small square far behind the focus, which shows the lens's shape: a triangle, stretched and turned."""
+    scene = Scene(width=SIZE, height=SIZE, camera=scenes.camera())
+    scene.camera = replace(scene.camera, aperture=Aperture(1.0, 2.0, blades=3, rotation=0.3, ratio=1.25))
+    scene.materials = [Material("lamp", emission=(1.0, 1.0, 1.0))]
+    scene.add_instance(scenes.quad_mesh((-0.4, 8, -0.4), (0.8, 0, 0), (0, 0, 0.8), "lamp"))
+    return scene
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "cornell": lambda: scenes.cornell(SIZE),
     "phong plates": lambda: scenes.phong_plates(SIZE),
     "sky": lambda: scenes.sky_plate(SIZE),
     "all lamps": lambda: scenes.lamp_room(list(scenes.LAMP_KINDS), SIZE),
+    "three blades": bokeh,
     **{kind: lambda kind=kind: scenes.lamp_room([kind], SIZE) for kind in scenes.LAMP_KINDS},
 }
 

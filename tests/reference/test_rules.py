@@ -54,6 +54,20 @@ def test_roof_hidden_from_shadow_rays(measure):
     measure(scene, samples=128, max_bounces=0).check_same(measure(free, samples=128, max_bounces=0))
 
 
+@pytest.mark.parametrize("visibility", [DIFFUSE | GLOSSY, SHADOW], ids=str)
+def test_world_of_one_colour_is_found_by_rays_alone_where_objects_differ_in_shadows(measure, visibility):
+    """A black roof of side 3, 0.4 above a grey plate: what rays meet counts, what shadow rays meet does not. The sky
+    that a rectangle leaves free, as seen from below its middle; Cycles shows 0.0275 and 0.5."""
+    scene = scenes.plate(Material("grey", kd=(0.5,) * 3), towards=(0.0, 0.6, -0.8))
+    scene.world = World(color=ONE)
+    scene.materials.append(BLACK)
+    scene.add_instance(scenes.quad_mesh((-1.5, -1.5, 0.4), (3, 0, 0), (0, 3, 0)), materials=(1,), visibility=visibility)
+    far = np.hypot(1.5, 0.4)
+    covered = 4 / np.pi * 1.5 / far * np.arctan(1.5 / far)
+    sky = measure(scene, samples=512, max_bounces=0)
+    sky.check(0.5 if visibility == SHADOW else 0.5 * (1 - covered), slack=5e-4)
+
+
 @pytest.mark.parametrize("ks", [0.0, 0.5])
 def test_lamp_that_casts_no_shadow(measure, ks):
     lamp = AreaLight("lamp", UP, radiance=(np.pi,) * 3, cast_shadow=False)
