@@ -25,9 +25,7 @@ _SCENE_FLAG_ROBUST = 4
 
 _SIGNATURES = {
     "rtcNewDevice": (_P, [ctypes.c_char_p]),
-    "rtcReleaseDevice": (None, [_P]),
     "rtcGetDeviceError": (ctypes.c_int, [_P]),
-    "rtcSetDeviceMemoryMonitorFunction": (None, [_P, _P, _P]),
     "rtcNewScene": (_P, [_P]),
     "rtcReleaseScene": (None, [_P]),
     "rtcCommitScene": (None, [_P]),

@@ -1,6 +1,6 @@
 """The scene description: everything that a picture depends on, in plain dataclasses over numpy arrays.
 
-Made by `addon/export` (or by hand, see `tests/`), read by `engine/pack.py` (compiled road) and
+Made by `addon/export` (or by hand, see `tests/`), read by `engine/pack` (compiled road) and
 `engine/reference` (numpy road). Nothing in here knows Blender, Embree or Numba. `Scene.validate` is the border:
 what passes it is safe for the kernels, which check nothing.
 

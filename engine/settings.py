@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from .errors import SettingsError
 
@@ -71,4 +71,3 @@ CHOICES = {
     "pixel_filter": PIXEL_FILTERS,
     "road": ROADS,
 }
-SETTING_NAMES = tuple(f.name for f in fields(Settings))

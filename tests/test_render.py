@@ -187,3 +187,23 @@ def test_wall_right_behind_a_lamp_hides_the_world():
     scene.add_instance(scenes.quad_mesh((-9, 0.0005, -9), (18, 0, 0), (0, 0, 18)))
     scene.lights = [AreaLight("lamp", scenes.place((0, 0, 0), (0, -1, 0)), radiance=(1.0,) * 3, size_x=9, size_y=9)]
     assert picture(scene)[..., :3] == pytest.approx(1.0, rel=1e-5)
+
+
+def test_instances_of_a_mesh_far_from_its_own_origin(monkeypatch):
+    """A white ball under a white world is lit by what its horizon leaves: the same however it is stored."""
+    import engine.pack.geometry as packing
+
+    monkeypatch.setattr(packing, "BAKE_LIMIT", 0)
+    pictures = []
+    for offset in (0.0, 1e4):
+        scene = scenes.Scene(width=32, height=32, camera=scenes.camera(origin=(0, -4, 0), half_width=0.3))
+        scene.materials, scene.world = [Material("grey", kd=(0.5,) * 3)], World(color=(1.0,) * 3)
+        ball = scenes.sphere_mesh(16)
+        ball.vertices = (ball.vertices + np.float32([offset, 0, 0])).astype(np.float32)
+        matrix = np.eye(3, 4)
+        matrix[0, 3] = -offset
+        for _ in range(2):  # a single instance would be baked; the second lies out of sight
+            scene.add_instance(ball, matrix)
+            matrix = matrix + np.array([[0, 0, 0, 0], [0, 0, 0, 50], [0, 0, 0, 0]])
+        pictures.append(picture(scene)[..., :3].mean())
+    assert pictures[1] == pytest.approx(pictures[0], rel=3e-3)

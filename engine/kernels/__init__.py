@@ -1,1 +1,1 @@
-"""The compiled road: Numba kernels over Embree. They take packed arrays (see `engine/pack.py`) and check nothing."""
+"""The compiled road: Numba kernels over Embree. They take packed arrays (see `engine/pack`) and check nothing."""

@@ -1,4 +1,4 @@
-"""The arrays that a path kernel reads, by name. Filled by `engine/pack.py`; a table that a scene doesn't need has
+"""The arrays that a path kernel reads, by name. Filled by `engine/pack`; a table that a scene doesn't need has
 no rows, and the kernel for that scene never looks at it."""
 
 from __future__ import annotations

@@ -134,11 +134,12 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
     shared_meshes: dict[int, TriangleGeometry] = {}
     placed_count = 0
     for mesh, visibility, rows in instanced:
+        center = _center(mesh)
         if id(mesh) not in shared_meshes:
-            first = out.add(mesh, mesh.vertices, mesh.normals, _slots(mesh))
+            first = out.add(mesh, (mesh.vertices - center).astype(np.float32), mesh.normals, _slots(mesh))
             shared_meshes[id(mesh)] = TriangleGeometry(first, len(mesh.triangles), 0)
         shared_mesh = shared_meshes[id(mesh)]
-        matrices = np.ascontiguousarray(instances.transforms[rows], np.float32)
+        matrices = _moved_origin(instances.transforms[rows], center)
         shapes.append(InstanceGeometry(shared_mesh, matrices, visibility))
         kind.append(INSTANCED_MESH)
         base.append(shared_mesh.first)
@@ -217,6 +218,20 @@ def _squeezed(transforms: np.ndarray) -> np.ndarray:
     linear = np.asarray(transforms, np.float64)[:, :, :3]
     lengths = np.prod(np.linalg.norm(linear, axis=1), axis=1)
     return ~(np.abs(np.linalg.det(linear)) > FLATTEST_INSTANCE * lengths)
+
+
+def _center(mesh: Mesh) -> np.ndarray:
+    """(3,) float64, the middle of the mesh's box. Shared meshes are stored about it: the hit points of one that lies
+    far from its own origin would be too coarse to start rays from."""
+    return (mesh.vertices.min(axis=0).astype(np.float64) + mesh.vertices.max(axis=0)) / 2
+
+
+def _moved_origin(transforms: np.ndarray, center: np.ndarray) -> np.ndarray:
+    """(I, 3, 4) float32: the same placement for vertices from which `center` was subtracted. In float64, rounded
+    once."""
+    moved = np.array(transforms, np.float64)
+    moved[:, :, 3] += moved[:, :, :3] @ center
+    return moved.astype(np.float32)
 
 
 def _slots(mesh: Mesh) -> np.ndarray:
