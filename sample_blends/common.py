@@ -23,6 +23,7 @@ from mathutils import Matrix, Vector  # noqa: E402
 from tools import cycles_peer  # noqa: E402
 
 FOLDER = Path(__file__).resolve().parent
+SAVED_BY = (4, 2)  # the oldest Blender that Lobe runs in: all later ones open its files, which isn't so the other way
 
 
 def new_file(width: int = 512, height: int = 512, samples: int = 64, view_transform: str = "Standard"):
@@ -47,20 +48,41 @@ def prepare_scene(scene, width: int, height: int, samples: int, view_transform: 
 
 def save(name: str) -> Path:
     """Write the file, packed and compressed, next to the scripts."""
+    if bpy.app.version[:2] != SAVED_BY:
+        version = ".".join(map(str, SAVED_BY))
+        sys.exit(f"the sample files are saved by Blender {version}, not by {bpy.app.version_string}: see make_all.py")
     cycles_peer.apply_fair_settings(bpy.context.scene)  # once more, for the objects and materials made since
+    forget_places()
     path = FOLDER / f"{name}.blend"
     bpy.context.preferences.filepaths.save_version = 0
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, relative_remap=False)
     return path
 
 
+def forget_places() -> None:
+    """A new file holds the temporary folder, and the home folder in its file browsers: folders of this machine."""
+    for scene in bpy.data.scenes:
+        scene.render.filepath = "//"
+    for space in (space for screen in bpy.data.screens for area in screen.areas for space in area.spaces):
+        if space.type == "FILE_BROWSER" and space.params is not None:
+            space.params.directory = b"//"
+
+
 # --- materials ------------------------------------------------------------------------------------------------
+
+
+def empty_tree(data):
+    """The node tree of a material or world, without a node."""
+    if bpy.app.version < (5, 0):  # from then on they always have one
+        data.use_nodes = True
+    data.node_tree.nodes.clear()
+    return data.node_tree
 
 
 def _empty_material(name: str):
     material = bpy.data.materials.new(name)
-    material.node_tree.nodes.clear()
-    return material, material.node_tree.nodes, material.node_tree.links
+    tree = empty_tree(material)
+    return material, tree.nodes, tree.links
 
 
 def _finish(material, shader_socket):
@@ -112,8 +134,7 @@ def phong(name: str, kd, ks, exponent: float):
 
 
 def set_background(world, color, strength: float = 1.0) -> None:
-    world.node_tree.nodes.clear()
-    nodes = world.node_tree.nodes
+    nodes = empty_tree(world).nodes
     background, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
     background.location, output.location = (0, 0), (220, 0)
     background.inputs["Color"].default_value = (*color, 1)

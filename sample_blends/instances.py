@@ -83,13 +83,18 @@ def instancing_nodes(collection):
     turn.data_type = "FLOAT_VECTOR"
     turn.inputs["Min"].default_value, turn.inputs["Max"].default_value = (-0.06, -0.06, 0), (0.06, 0.06, math.tau)
     size.data_type = "FLOAT"
-    size.inputs[2].default_value, size.inputs[3].default_value = 0.6, 1.5
+    shown(size.inputs, "Min").default_value, shown(size.inputs, "Max").default_value = 0.6, 1.5
     links.new(source.outputs[0], scatter.inputs["Points"])
     links.new(trees.outputs[0], scatter.inputs["Instance"])
     links.new(turn.outputs["Value"], scatter.inputs["Rotation"])
-    links.new(size.outputs[1], scatter.inputs["Scale"])
+    links.new(shown(size.outputs, "Value"), scatter.inputs["Scale"])
     links.new(scatter.outputs["Instances"], sink.inputs[0])
     return tree_group
+
+
+def shown(sockets, name: str):
+    """The one that the node's data type uses: until Blender 5.1 there is one of this name for each type."""
+    return next(socket for socket in sockets if socket.name == name and socket.enabled)
 
 
 def build() -> None:

@@ -1,6 +1,6 @@
 """Every kind of lamp, each in its own bay of a cabinet, and a low sun across all of it.
 
-The balls are half glossy, so each also shows its lamp's mirror image. The signs are text objects.
+The balls are half glossy, so each also shows its lamp's mirror image. The signs are text objects: the sun lights them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import common as c
 
 BAY = 2.0  # width, height and depth of a bay
 BOARD = 0.06
+PLINTH = 0.38  # height of what each row stands on, with the signs on its front
 COLUMNS, ROWS = 4, 2
 
 # The lamps, left to right, lower row first: sign, kind, height below the bay's ceiling, properties.
@@ -30,20 +31,26 @@ COLORS = [(1, 0.85, 0.7), (1, 0.7, 0.45), (0.75, 0.85, 1), (1, 0.95, 0.8)]
 def bay_origin(index: int) -> tuple[float, float]:
     """x of a bay's middle and z of its floor."""
     column, row = index % COLUMNS, index // COLUMNS
-    return (column - (COLUMNS - 1) / 2) * BAY, row * BAY
+    return (column - (COLUMNS - 1) / 2) * BAY, PLINTH + row * (BAY + PLINTH)
 
 
-def add_cabinet(material) -> None:
-    """Boards as boxes: back, shelves and uprights."""
-    right, top = COLUMNS * BAY / 2, ROWS * BAY
-    boards = [((-right, BAY, 0), (right, BAY + BOARD, top))]
-    boards += [((-right, 0, row * BAY - BOARD / 2), (right, BAY, row * BAY + BOARD / 2)) for row in range(ROWS + 1)]
+def add_cabinet(wood, dark) -> None:
+    """Boxes: back, top, uprights and shelves of one wood, and a darker plinth below each row."""
+    right, top = COLUMNS * BAY / 2, ROWS * (BAY + PLINTH)
+    boards = [((-right, BAY, 0), (right, BAY + BOARD, top)), ((-right, 0, top), (right, BAY, top + BOARD))]
     for column in range(COLUMNS + 1):
         x = -right + column * BAY
         boards.append(((x - BOARD / 2, 0, 0), (x + BOARD / 2, BAY, top)))
+    for row in range(ROWS):
+        bottom = row * (BAY + PLINTH)
+        boards.append(((-right, 0, bottom + PLINTH - BOARD), (right, BAY, bottom + PLINTH)))
+        add_box(f"Plinth {row}", (-right, -0.02, bottom), (right, BAY, bottom + PLINTH - BOARD), dark)
     for number, (low, high) in enumerate(boards):
-        name = f"Board {number}"
-        c.add_object(name, c.mesh(name, c.box_vertices(low, high), c.BOX_FACES, [material]))
+        add_box(f"Board {number}", low, high, wood)
+
+
+def add_box(name: str, low, high, material) -> None:
+    c.add_object(name, c.mesh(name, c.box_vertices(low, high), c.BOX_FACES, [material]))
 
 
 def add_bay(index: int, ball, sign_material) -> None:
@@ -52,29 +59,30 @@ def add_bay(index: int, ball, sign_material) -> None:
     properties = {"color": COLORS[index % len(COLORS)], **properties}
     if "spread" in properties:
         properties["spread"] = math.radians(properties["spread"])
-    location = (x, BAY / 2 - 0.1, z + BAY - BOARD / 2 - drop)
+    location = (x, BAY / 2 - 0.1, z + BAY - drop)
     c.lamp(sign.capitalize(), kind, location, (x, BAY / 2, z), **properties)
-    c.add_object(f"Ball {index}", ball, (x + 0.2, BAY / 2 + 0.25, z + BOARD / 2 + 0.45))
+    c.add_object(f"Ball {index}", ball, (x + 0.2, BAY / 2 + 0.25, z + 0.45))
 
     text = c.bpy.data.curves.new(sign, "FONT")
     text.body, text.size, text.extrude, text.align_x = sign, 0.3, 0.01, "CENTER"
     text.materials.append(sign_material)
-    obj = c.add_object(f"Sign {index}", text, (x, 0.1, z + BOARD / 2 + 0.04))
-    obj.rotation_euler = (math.radians(80), 0, 0)
+    obj = c.add_object(f"Sign {index}", text, (x, -0.03, z - PLINTH + 0.1))
+    obj.rotation_euler = (math.radians(90), 0, 0)
 
 
 def build() -> None:
     scene = c.new_file(768, 512, samples=128, view_transform="AgX")
-    wood, sign_material = c.diffuse("Wood", (0.55, 0.5, 0.45)), c.diffuse("Sign", (0.9, 0.35, 0.1))
+    wood, dark = c.diffuse("Wood", (0.55, 0.5, 0.45)), c.diffuse("Plinth", (0.06, 0.05, 0.045))
+    sign_material = c.diffuse("Sign", (0.9, 0.88, 0.84))
     ball = c.ico_sphere("Ball", 0.45, 4, c.phong("Ball", (0.25, 0.3, 0.4), (0.5, 0.5, 0.5), 60))
-    add_cabinet(wood)
+    add_cabinet(wood, dark)
     for index in range(len(LAMPS)):
         add_bay(index, ball, sign_material)
     floor = [(-8, -6, -BOARD / 2), (8, -6, -BOARD / 2), (8, 4, -BOARD / 2), (-8, 4, -BOARD / 2)]
     c.add_object("Floor", c.mesh("Floor", floor, [(0, 1, 2, 3)], [c.diffuse("Floor", (0.3, 0.3, 0.32))]))
-    c.lamp("Sun", "SUN", (-6, -8, 6), (0, 0, 1.5), energy=0.6, angle=math.radians(4), color=(1, 0.55, 0.3))
+    c.lamp("Sun", "SUN", (-6, -8, 6), (0, 0, 1.5), energy=1.2, angle=math.radians(4), color=(1, 0.72, 0.5))
     c.set_background(scene.world, (0.02, 0.03, 0.05))
-    c.camera(scene, (0, -11, 2.6), (0, 0, 2.0), lens=45)
+    c.camera(scene, (0, -11.5, 3.0), (0, 0, 2.25), lens=45)
 
 
 if __name__ == "__main__":

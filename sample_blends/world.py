@@ -54,7 +54,7 @@ def sky_image():
         image = c.bpy.data.images.load(path)
         image.name = "sky.exr"
         image.pack()
-        image.filepath_raw = image.filepath = "//sky.exr"
+        image.filepath_raw = image.filepath = image.packed_files[0].filepath = "//sky.exr"
         return image
 
 

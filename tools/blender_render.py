@@ -143,6 +143,7 @@ def render(
         elif not found and on_message is not None:
             on_message(str(text).rsplit("|", 1)[-1].strip())
 
+    _stamp_name_only(scene)
     bpy.app.handlers.render_stats.append(listen)
     start = time.perf_counter()
     try:
@@ -153,6 +154,17 @@ def render(
         bpy.app.handlers.render_stats.remove(listen)
     total = time.perf_counter() - start
     return _lobe_report(total) if scene.render.engine == "LOBE" else _cycles_report(scene, total)
+
+
+def _stamp_name_only(scene) -> None:
+    """Blender writes the file's whole path into pictures, where it says more about the machine than about the picture:
+    its name stands there as a note instead, unless the file has a note of its own."""
+    import bpy
+
+    scene.render.use_stamp_filename = False
+    if not scene.render.use_stamp_note:
+        scene.render.use_stamp_note = True
+        scene.render.stamp_note_text = Path(bpy.data.filepath).name
 
 
 def _lobe_report(total: float) -> dict:

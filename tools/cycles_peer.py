@@ -57,11 +57,16 @@ def apply_fair_settings(scene) -> None:
             setattr(scene.cycles, key, value)
     for obj in bpy.data.objects:
         if obj.library is None:
-            obj.shadow_terminator_geometry_offset = 0.0
-            obj.shadow_terminator_shading_offset = 0.0
+            shadow_terminator(obj).shadow_terminator_geometry_offset = 0.0
+            shadow_terminator(obj).shadow_terminator_shading_offset = 0.0
     for material in bpy.data.materials:
         if material.library is None:
             material.cycles.emission_sampling = "FRONT_BACK"
+
+
+def shadow_terminator(obj):
+    """What holds an object's shadow terminator offsets: the object itself, in Blender 4.2 its Cycles settings."""
+    return obj if hasattr(obj, "shadow_terminator_geometry_offset") else obj.cycles
 
 
 def set_bounces(scene, total: int, diffuse: int, glossy: int) -> None:

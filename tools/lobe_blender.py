@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib.metadata
 import importlib.util
 import os
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
@@ -22,19 +24,21 @@ PRODUCT = ("blender_manifest.toml", "__init__.py", "addon", "engine")
 MODULE = "bl_ext.user_default.lobe"
 
 
+class SetupError(RuntimeError):
+    """Lobe cannot be made ready for Blender; the text says why."""
+
+
 def enable_lobe() -> None:
     """Build (where needed), install and enable Lobe. To be called before anything imports bpy."""
     if "bpy" not in sys.modules:
         os.environ["BLENDER_USER_RESOURCES"] = str(install())
-        # One cache of compiled kernels for the tools, the tests and the engine on its own: see engine/kernels/jit.py.
-        os.environ.setdefault("LOBE_CACHE_DIR", str(_temporary_folder("cache")))
     elif not os.environ.get("BLENDER_USER_RESOURCES"):
         raise RuntimeError("enable_lobe() must be called before bpy is imported")
     import bpy  # noqa: F401  (makes addon_utils importable)
     import addon_utils  # isort: skip
 
     def fail(error: Exception) -> None:
-        raise RuntimeError(f"Lobe could not be enabled: {error}") from error
+        raise SetupError(f"Lobe could not be enabled: {error}") from error
 
     addon_utils.enable(MODULE, default_set=True, handle_error=fail)
 
@@ -42,9 +46,10 @@ def enable_lobe() -> None:
 def install() -> Path:
     """A Blender user folder with this checkout's extension in it, installed anew when a product file has changed.
 
-    The folder stays the same for a checkout, because Numba's cache depends on where the kernels lie.
+    The folder stays the same for a checkout and a version of Blender, because Numba's cache depends on where the
+    kernels lie; the add-on keeps that cache in here too, as in a Blender program.
     """
-    user = _temporary_folder(f"blender-{hashlib.sha1(str(REPOSITORY).encode()).hexdigest()[:8]}")
+    user = private_folder(f"blender-{blender_version()}-{hashlib.sha1(str(REPOSITORY).encode()).hexdigest()[:8]}")
     extensions = user / "extensions" / "user_default"
     stamp = user / "content"
     content = _content_hash()
@@ -55,7 +60,7 @@ def install() -> Path:
         with tempfile.TemporaryDirectory() as folder:
             package = Path(folder) / "lobe.zip"
             build(package)
-            extension_tool("install-files", "--local-dir", folder, str(package), "--blender-version", "5.0.1",
+            extension_tool("install-files", "--local-dir", folder, str(package), "--blender-version", blender_version(),
                            "--python-version", "{:d}.{:d}.{:d}".format(*sys.version_info[:3]))  # fmt: skip
             shutil.rmtree(extensions / "lobe", ignore_errors=True)
             extensions.mkdir(parents=True, exist_ok=True)
@@ -73,12 +78,12 @@ def extension_tool(*arguments: str) -> str:
     """Run Blender's command line tool for extensions, which the bpy module carries; gives back what it prints."""
     spec = importlib.util.find_spec("bpy")
     if spec is None or not spec.submodule_search_locations:
-        raise RuntimeError("the Python package bpy is not installed")
+        raise SetupError("the Python package bpy is not installed")
     root = Path(spec.submodule_search_locations[0])
     tool = next(root.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
     done = subprocess.run([sys.executable, str(tool), *arguments], capture_output=True, text=True)
     if done.returncode:
-        raise RuntimeError(f"Blender's extension tool failed:\n{done.stdout}{done.stderr}")
+        raise SetupError(f"Blender's extension tool failed:\n{done.stdout}{done.stderr}")
     return done.stdout
 
 
@@ -103,10 +108,25 @@ def _content_hash() -> str:
     return digest.hexdigest()
 
 
-def _temporary_folder(name: str) -> Path:
+def blender_version() -> str:
+    """Of the bpy module, without importing it: "5.0.1"."""
+    return importlib.metadata.version("bpy")
+
+
+def private_folder(name: str) -> Path:
+    """A folder of this user's in the system's temporary folder, which nobody else can write to.
+
+    The temporary folder is everybody's: what another user has put there under our name must not be run.
+    """
     user = f"-{os.getuid()}" if hasattr(os, "getuid") else ""
     folder = Path(tempfile.gettempdir()) / f"lobe-{name}{user}"
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if hasattr(os, "getuid"):
+        status = folder.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
+            raise SetupError(f"{str(folder)!r} is not a folder of yours: remove it, or set TMPDIR to another place")
+        if status.st_mode & 0o077:
+            folder.chmod(0o700)
     return folder
 
 

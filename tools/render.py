@@ -2,7 +2,7 @@
 
 Standard error carries a progress bar; the last line of standard output is one JSON object:
 {"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays", "peak_memory_mb",
-"skipped", "warnings"}; what Cycles does not tell is null.
+"skipped", "warnings"}; what Cycles does not tell is null. What the user can mend is said in one line, with exit code 2.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -17,7 +18,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from tools import blender_render as br  # noqa: E402
-from tools.lobe_blender import enable_lobe  # noqa: E402
+from tools.lobe_blender import SetupError, enable_lobe  # noqa: E402
 
 WRITERS = (".png", ".exr")
 
@@ -57,7 +58,7 @@ def output_path(text: str) -> Path:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="render.py", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("file", type=Path, metavar="FILE.blend")
-    parser.add_argument("--engine", choices=br.ENGINES, default="LOBE")
+    parser.add_argument("--engine", type=str.upper, choices=br.ENGINES, default="LOBE")
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), metavar="N", help="per pixel")
     parser.add_argument("--seed", type=whole_number(-(1 << 31), (1 << 31) - 1), metavar="N")
     parser.add_argument("--resolution", type=resolution, metavar="WxH", help="the pixels of the picture")
@@ -105,8 +106,6 @@ def run(options: argparse.Namespace) -> dict:
     from tqdm import tqdm
 
     scene = prepare(options)
-    for path in options.output:
-        _make_folder(path.parent)
     with tqdm(total=1, unit=" samples", desc=options.engine.capitalize(), file=sys.stderr) as bar:
 
         def show(done: int, total: int) -> None:
@@ -136,11 +135,17 @@ def metadata(options: argparse.Namespace, report: dict) -> dict[str, str | float
     }
 
 
-def _make_folder(folder: Path) -> None:
+def _check_output(path: Path) -> None:
+    """Before the time that a render takes: make the folder, and see that a file can be written there."""
+    folder = path.parent
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     except OSError as error:
-        raise br.ToolError(f"the folder {str(folder)!r} cannot be made: {error.strerror}") from error
+        raise br.ToolError(f"{str(path)!r} cannot be written: {str(folder)!r}: {error.strerror}") from error
+    if path.is_dir():
+        raise br.ToolError(f"{str(path)!r} cannot be written: it is a folder")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -149,11 +154,13 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             if not options.file.is_file():  # before the seconds that Blender takes to start
                 raise br.ToolError(f"there is no file {str(options.file)!r}")
+            for path in options.output:
+                _check_output(path)
             enable_lobe()
             report = run(options)
-        except br.ToolError as error:
+        except (br.ToolError, SetupError) as error:
             print(f"render.py: {error}", file=sys.stderr)
-            return 1
+            return 2
         say(json.dumps(report))
     return 0
 

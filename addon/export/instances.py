@@ -7,8 +7,10 @@ is found once, at the first of them; the rest of the pass is one dictionary look
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import NamedTuple
 
+import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Mesh, Visibility
@@ -87,10 +89,8 @@ class Placement:
                 kinds.append(self._kind(item, object_))
             of_item.append(kind)
 
-        # One call for all matrices; `len(items)` would walk through them once more. They come transposed.
-        matrices = np.empty((len(of_item), 4, 4), np.float32)
-        items.foreach_get("matrix_world", matrices.reshape(-1))
-        return self._gather(kinds, np.array(of_item, np.intp), matrices.transpose(0, 2, 1)[:, :3, :])
+        read = matrices_at_once if bpy.app.version >= (5, 0, 0) else matrices_one_by_one
+        return self._gather(kinds, np.array(of_item, np.intp), read(items, len(of_item), self._stop))
 
     def _gather(self, kinds: list[Kind], of_item: np.ndarray, matrices: np.ndarray) -> Instances:
         """The structure of arrays: looks each item's properties up in its kind."""
@@ -196,6 +196,27 @@ class Placement:
             if settings.type == "HAIR" and settings.render_type == "PATH":
                 what = f"hair of particle system '{system.name}' is not supported and left out"
                 self._notes.warn("object", object_.name, what)
+
+
+def matrices_at_once(items, count: int, stop: Stop) -> np.ndarray:
+    """(count, 3, 4) float32, in one call. `len(items)` would walk through them once more. They come transposed."""
+    matrices = np.empty((count, 4, 4), np.float32)
+    items.foreach_get("matrix_world", matrices.reshape(-1))
+    return matrices.transpose(0, 2, 1)[:, :3, :]
+
+
+def matrices_one_by_one(items, count: int, stop: Stop) -> np.ndarray:
+    """The same for Blender 4, whose `foreach_get` keeps 221 bytes of each item for good (measured in 4.2 and 4.5);
+    1.5 microseconds an item."""
+
+    def rows():
+        for number, item in enumerate(items):
+            if number % ITEMS_A_CHECK == 0:
+                stop.check()
+            yield from item.matrix_world
+
+    matrices = np.fromiter(chain.from_iterable(rows()), np.float32, count * 16)
+    return matrices.reshape(count, 4, 4)[:, :3, :]
 
 
 def is_deferred(owner, data) -> bool:

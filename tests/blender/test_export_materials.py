@@ -411,6 +411,14 @@ VALUES = [
 ]
 
 
+def is_known(case) -> bool:
+    """Whether this Blender has such a node and such a choice: newer ones have more."""
+    node = getattr(bpy.types, case[0], None)
+    properties = {key: node.bl_rna.properties.get(key) for key in case[1]} if node else {}
+    enums = {key: prop.enum_items for key, prop in properties.items() if prop and prop.type == "ENUM"}
+    return node is not None and None not in properties.values() and all(case[1][k] in enums[k] for k in enums)
+
+
 def value_material(name: str, case):
     """An emitter of what a value node gives."""
     bl_idname, properties, inputs, out = case
@@ -432,8 +440,10 @@ def value_material(name: str, case):
 
 def test_value_nodes_fold_as_in_cycles(tmp_path):
     """Each case lights one square of a row; Cycles draws them all in one picture."""
-    count = len(VALUES)
-    for i, case in enumerate(VALUES):
+    cases = [case for case in VALUES if is_known(case)]
+    count = len(cases)
+    assert count == len(VALUES) or bpy.app.version < (5, 0)
+    for i, case in enumerate(cases):
         tile = plane_mesh(0.5, f"Tile {i}")
         tile.materials.append(value_material(f"Case {i:03}", case))
         add_object("Tile", tile, (i + 0.5 - count / 2, 0, 0))
@@ -442,7 +452,7 @@ def test_value_nodes_fold_as_in_cycles(tmp_path):
     ours = {m.name: m.emission for m in scene.materials}
     picture = cycles_picture(count, 5, 1, tmp_path)[2]  # Blender allows no fewer rows than four.
     wrong = []
-    for i, case in enumerate(VALUES):
+    for i, case in enumerate(cases):
         if not np.allclose(np.maximum(ours[f"Case {i:03}"], 0), np.maximum(picture[i], 0), atol=2e-3, rtol=1e-3):
             wrong.append(f"{case}: {np.round(ours[f'Case {i:03}'], 4)}, Cycles {np.round(picture[i], 4)}")
     assert not wrong, "\n".join(wrong)

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.lobe import engine
 from bl_ext.user_default.lobe.addon.export import export_scene
+from bl_ext.user_default.lobe.addon.export.instances import matrices_at_once, matrices_one_by_one
+from bl_ext.user_default.lobe.addon.export.meshes import _table_in_place, _triangle_corners
+from bl_ext.user_default.lobe.addon.export.stop import Stop
+from mathutils import Matrix
 
 from tests.blender.export_checks import add_camera, add_object, depsgraph, in_render, new_material, plane_mesh
 
@@ -100,6 +107,49 @@ def test_n_gons():
     mesh = only_mesh()
     assert len(mesh.triangles) == 15
     assert area(mesh) == pytest.approx(17 / 2 * np.sin(2 * np.pi / 17), rel=1e-5)
+
+
+def corners_through_rna(mesh) -> np.ndarray:
+    corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.loop_triangles.foreach_get("loops", corners)
+    return corners.reshape(-1, 3)
+
+
+@pytest.mark.parametrize("vertices", [4, 5, 32])
+def test_triangle_corners_are_read_where_they_lie(vertices):
+    bpy.ops.mesh.primitive_cylinder_add(vertices=vertices)
+    mesh = bpy.context.object.data
+    mesh.calc_loop_triangles()
+    table = _table_in_place(mesh.loop_triangles)
+    assert table is not None
+    np.testing.assert_array_equal(table, corners_through_rna(mesh))
+
+
+@pytest.mark.parametrize("padding, shift", [(4, 0), (0, 1)])
+def test_a_table_of_another_layout_is_read_through_rna(padding, shift):
+    """Wider rows, or other numbers than RNA gives."""
+    cube_mesh()
+    mesh = bpy.context.object.data
+    mesh.calc_loop_triangles()
+
+    class Triangle:
+        def __init__(self, index):
+            self.index = index
+            self.loops = [corner + shift for corner in mesh.loop_triangles[index].loops]
+
+        def as_pointer(self):
+            return mesh.loop_triangles[self.index].as_pointer() + padding * self.index
+
+    class Table(list):
+        def foreach_get(self, name, out):
+            mesh.loop_triangles.foreach_get(name, out)
+
+    class Data:
+        loops, polygons = mesh.loops, mesh.polygons
+        loop_triangles = Table(Triangle(i) for i in range(len(mesh.loop_triangles)))
+
+    assert _table_in_place(Data.loop_triangles) is None
+    np.testing.assert_array_equal(_triangle_corners(Data, 12), corners_through_rna(mesh))
 
 
 def test_loose_parts_and_empty_meshes_are_left_out():
@@ -340,6 +390,36 @@ def grid_of_instances(side: int):
     mesh = bpy.data.meshes.new("Triangle")
     mesh.from_pydata([(0, 0, 0), (0.5, 0, 0), (0, 0.5, 0)], [], [(0, 1, 2)])
     add_object("Triangle", mesh).parent = parent
+
+
+def test_both_ways_to_read_matrices_agree():
+    grid_of_instances(3)
+    bpy.context.scene.objects[0].matrix_world @= Matrix.Rotation(1.0, 4, (1, 2, 3)) @ Matrix.Scale(-2.0, 4, (0, 1, 0))
+    items = depsgraph().object_instances
+    count = len(items)
+    at_once, one_by_one = (read(items, count, Stop()) for read in (matrices_at_once, matrices_one_by_one))
+    assert at_once.shape == (count, 3, 4) and at_once.dtype == one_by_one.dtype == np.float32
+    assert np.array_equal(at_once, one_by_one)
+
+
+EXPORT_AND_END = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).resolve().parents[2])!r})
+from tools.lobe_blender import enable_lobe
+enable_lobe()
+from bl_ext.user_default.lobe.addon.export import export_scene
+from tests.blender.export_checks import add_camera, depsgraph
+from tests.blender.test_export_meshes import grid_of_instances
+grid_of_instances(8)
+add_camera()
+assert len(export_scene(depsgraph()).instances) >= 64
+"""
+
+
+def test_instances_leave_no_memory_behind():
+    """Blender counts its own memory, and complains at the end about what nobody freed."""
+    done = subprocess.run([sys.executable, "-c", EXPORT_AND_END], capture_output=True, text=True, check=True)
+    assert "Not freed" not in done.stdout + done.stderr
 
 
 def test_instances_share_their_mesh():

@@ -21,10 +21,11 @@ def command(repository: Path, *arguments: str | Path) -> subprocess.CompletedPro
 
 
 def fails(done: subprocess.CompletedProcess, message: str) -> None:
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stdout == ""
     assert message in done.stderr
     assert "Traceback" not in done.stderr
+    assert sum(line.startswith("render.py: ") for line in done.stderr.splitlines()) == 1
 
 
 def test_missing_file(repository, tmp_path):
@@ -35,6 +36,22 @@ def test_not_a_blend(repository, tmp_path):
     path = tmp_path / "junk.blend"
     path.write_text("no scene here")
     fails(command(repository, path, "-o", tmp_path / "a.png"), f"render.py: {str(path)!r} cannot be opened: ")
+
+
+def test_a_folder_that_cannot_be_made_or_written(repository, tmp_path):
+    """Said before anything renders."""
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "folder.png").mkdir()
+    for name in ("file/a.png", "folder.png"):
+        path = tmp_path / name
+        done = command(repository, "sample_blends/cornell_diffuse.blend", "-o", path)
+        fails(done, f"render.py: {str(path)!r} cannot be written: ")
+
+
+def test_a_wrong_setting(repository, tmp_path):
+    done = command(repository, "sample_blends/cornell_diffuse.blend", "--set", "scene.lobe.sample=3", "-o",
+                   tmp_path / "a.png")  # fmt: skip
+    fails(done, "render.py: --set 'scene.lobe.sample=3': there is no setting 'sample': there are adaptive_threshold")
 
 
 def test_no_camera(repository, tmp_path):
@@ -72,6 +89,10 @@ def test_pictures_and_report(repository, tmp_path, engine):
     assert pixels[..., 3].min() < 1 and pixels[..., 3].max() == 1  # the box does not fill the picture
     assert pixels[:8, :, 0].max() > 5 * pixels[8:, :, 0].max()  # row 0 is the top: the lamp is up there
     assert oiio.ImageBuf(str(png)).spec().nchannels == 4
+    for path in (png, exr):  # the file's name and nothing of where it lies
+        told = {a.name: str(a.value) for a in oiio.ImageBuf(str(path)).spec().extra_attribs}
+        assert "cornell_diffuse.blend" in told.values()
+        assert not [value for value in told.values() if str(repository) in value]
 
 
 def test_as_is_keeps_the_files_cycles_settings(repository, tmp_path):

@@ -29,6 +29,8 @@ def scene():
         (["--samples", "many"], "'many' is not a whole number"),
         (["--threads", "-1"], "-1 does not lie between 0 and 1024"),
         (["--engine", "EEVEE"], "invalid choice: 'EEVEE' (choose from 'LOBE', 'CYCLES')"),
+        (["--frame", "one"], "'one' is not a whole number"),
+        (["--frame", "2000000"], "2000000 does not lie between -1048574 and 1048574"),
         (["-o", "picture.jpg"], "'picture.jpg': the name of a picture ends in .png or .exr"),
     ],
 )
@@ -46,6 +48,11 @@ def test_accepted_arguments():
     assert options.resolution == (64, 32) and options.seed == -3 and options.as_is
     assert options.assignments == ["scene.lobe.max_bounces=3", "scene.lobe.road=REFERENCE"]
     assert [path.name for path in options.output] == ["a.png", "b.EXR"]
+
+
+@pytest.mark.parametrize("name", ["lobe", "Cycles", "CYCLES"])
+def test_the_engines_name_in_any_case(name):
+    assert render.parse(["a.blend", "-o", "a.png", "--engine", name]).engine == name.upper()
 
 
 @pytest.mark.parametrize(

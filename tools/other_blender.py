@@ -1,0 +1,76 @@
+"""Run a script with another version of Blender, as a Python module, than the one of the pinned requirements:
+
+    tools/other_blender.py VERSION SCRIPT.py [ARGUMENT]...
+    tools/other_blender.py VERSION -m MODULE [ARGUMENT]...
+
+    tools/other_blender.py 4.2.23 sample_blends/make_all.py
+    tools/other_blender.py 4.5.15 -m pytest tests/blender tests/tools
+    tools/other_blender.py 4.2.23 tools/render.py FILE.blend -o OUT.png
+
+VERSION is one of the bpy package's. Blender 4.2 to 5.0 need Python 3.11 to run this, 5.1 and 5.2 Python 3.13. The first
+use of a version makes .venv/blender-VERSION from the pinned requirements, with the numpy of that Blender.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+# Version of Blender, from which on -> the versions that go with it, instead of those of the requirements.
+NUMPY = {(4, 2): "1.24.3", (4, 4): "1.26.4", (5, 1): "2.3.4"}
+SCIPY_FOR_OLD_NUMPY = "1.13.1"  # the newest scipy for a numpy before 1.26
+PYTHON = {(4, 2): (3, 11), (5, 1): (3, 13)}
+TEST_PACKAGES = ("hypothesis", "pytest", "scipy")
+
+
+def requirements(version: str, lines: list[str]) -> list[str]:
+    """The pinned requirement `lines`, changed to those that go with this version of Blender."""
+    numpy = since(version, NUMPY)
+    pins = dict(line.split("==") for line in lines if "==" in line)
+    pins.update(bpy=version, numpy=numpy)
+    if numpy < "1.26" and "scipy" in pins:
+        pins["scipy"] = SCIPY_FOR_OLD_NUMPY
+    return [f"{name}=={pin}" for name, pin in pins.items()]
+
+
+def since(version: str, table: dict):
+    """The table's value for the newest version that isn't newer than `version`."""
+    asked = tuple(int(part) for part in version.split(".")[:2])
+    return table[max(key for key in table if key <= asked)]
+
+
+def python_of(version: str) -> Path:
+    """The interpreter of the version's environment, which is made when it is missing."""
+    folder = REPOSITORY / ".venv" / f"blender-{version}"
+    python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    installed = folder / "installed"
+    if not installed.is_file():
+        venv.create(folder, with_pip=True, clear=True)
+        lines = (REPOSITORY / "requirements.txt").read_text().splitlines()
+        lines += [line for line in (REPOSITORY / "requirements-dev.txt").read_text().splitlines()
+                  if line.partition("==")[0] in TEST_PACKAGES]  # fmt: skip
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        if subprocess.run([*pip, *requirements(version, lines)]).returncode:
+            raise SystemExit(f"bpy {version} could not be installed: pip's message is above")
+        installed.touch()
+    return python
+
+
+def main() -> int:
+    if len(sys.argv) < 3 or not sys.argv[1].replace(".", "").isdigit() or sys.argv[1].count(".") != 2:
+        print(__doc__, file=sys.stderr)
+        return 2
+    version = sys.argv[1]
+    needed = since(version, PYTHON)
+    if sys.version_info[:2] != needed:
+        print(f"Blender {version} needs Python {needed[0]}.{needed[1]}: run this script with it", file=sys.stderr)
+        return 2
+    return subprocess.run([str(python_of(version)), *sys.argv[2:]]).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
