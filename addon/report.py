@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..engine import Result, Scene, Settings
+from ..engine import Result, Scene
 from .memory import current_and_peak_mb
 
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
@@ -27,15 +27,13 @@ def start_report() -> dict:
     }
 
 
-def add_layer(
-    report: dict, scene: Scene, result: Result, settings: Settings, export_seconds: float, total_seconds: float
-) -> None:
+def add_layer(report: dict, scene: Scene, result: Result, export_seconds: float, total_seconds: float) -> None:
     """Add one view layer's render to the report of the frame.
 
     Of what is skipped, the scene's own part is for the user: the rest tells which code the kernel does without.
     """
     report["samples"] = result.samples
-    report["road"] = settings.road
+    report["road"] = result.road
     seconds = report["seconds"]
     for phase, value in {**result.seconds, "export": export_seconds, "total": total_seconds}.items():
         seconds[phase] = seconds.get(phase, 0.0) + value

@@ -66,7 +66,7 @@ class Session:
             if result is not None:
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
-                add_layer(report, self.scene, result, self.settings, self.export_seconds, total)
+                add_layer(report, self.scene, result, self.export_seconds, total)
             finished = True
         finally:
             # Also on Ctrl-C, which arrives here as KeyboardInterrupt.

@@ -83,6 +83,7 @@ def render(
     from .reference import render_reference
 
     result = render_reference(scene, settings, progress=progress, stop=stop)
+    result.road = "REFERENCE"
     if problem is not None:
         result.warnings.append(f"Numba could not be imported ({problem}): rendered by the slow reference road")
     return result

@@ -7,12 +7,13 @@ kernels only get the address of the top scene.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .errors import LobeError
-from .kernels.embree import library
+from .kernels.embree import build_monitor, library
 
 _P, _U, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
 
@@ -21,7 +22,6 @@ _TRIANGLE, _SPHERE_POINT, _INSTANCE_ARRAY = 0, 50, 122
 _INDEX, _VERTEX, _TRANSFORM = 0, 1, 23
 _UINT3, _FLOAT3, _FLOAT4, _FLOAT3X4_ROW_MAJOR = 0x5003, 0x9003, 0x9004, 0x9134
 _BUILD_QUALITY_MEDIUM = 1
-_SCENE_FLAG_ROBUST = 4
 
 _SIGNATURES = {
     "rtcNewDevice": (_P, [ctypes.c_char_p]),
@@ -29,7 +29,6 @@ _SIGNATURES = {
     "rtcNewScene": (_P, [_P]),
     "rtcReleaseScene": (None, [_P]),
     "rtcCommitScene": (None, [_P]),
-    "rtcSetSceneFlags": (None, [_P, ctypes.c_int]),
     "rtcSetSceneBuildQuality": (None, [_P, ctypes.c_int]),
     "rtcSetSceneProgressMonitorFunction": (None, [_P, _P, _P]),
     "rtcAttachGeometry": (_U, [_P, _P]),
@@ -44,12 +43,11 @@ for _name, (_result, _arguments) in _SIGNATURES.items():
     _function = getattr(library, _name)
     _function.restype, _function.argtypes = _result, _arguments
 
-_PROGRESS_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_bool, _P, ctypes.c_double)
 _device: int | None = None
 
 
 class BuildStopped(Exception):
-    """The caller's `stop` said so while Embree was building."""
+    """`halt` was set while Embree was building."""
 
 
 def device() -> int:
@@ -74,10 +72,10 @@ def _check(what: str) -> None:
 
 @dataclass(frozen=True)
 class TriangleGeometry:
-    """Triangles first..first+count of the shared index buffer, which index the shared vertex buffer."""
+    """vertices (V, 3) float32 with room for 16 bytes past the last one used; triangles (T, 3) uint32."""
 
-    first: int
-    count: int
+    vertices: np.ndarray
+    triangles: np.ndarray
     mask: int
 
 
@@ -98,18 +96,22 @@ class InstanceGeometry:
     mask: int
 
 
+EmbreeGeometry = TriangleGeometry | SphereGeometry | InstanceGeometry
+
+
 class Accel:
     """An Embree scene with these geometries, whose ids are their places in the list.
 
-    vertices   (V, 3) float32, with room for 16 bytes past the end
-    triangles  (T, 3) uint32
+    halt  (1,) uint8; once another thread sets it the build ends, and BuildStopped is raised
     """
 
-    def __init__(self, vertices: np.ndarray, triangles: np.ndarray, geometries: list, stop=None, robust=False):
-        self._vertices, self._triangles, self._robust = vertices, triangles, robust
+    def __init__(
+        self, geometries: Sequence[TriangleGeometry | SphereGeometry | InstanceGeometry], halt: np.ndarray | None = None
+    ):
         self._keep: list = []
         self._scenes: list[int] = []
-        self._stop = stop
+        self._scene_of_mesh: dict[int, int] = {}  # by id(), of meshes that `geometries` holds
+        self._halt = halt
         try:
             self.address = self._new_scene()
             for geometry in geometries:
@@ -122,7 +124,6 @@ class Accel:
     def _new_scene(self) -> int:
         scene = library.rtcNewScene(device())
         self._scenes.append(scene)
-        library.rtcSetSceneFlags(scene, _SCENE_FLAG_ROBUST if self._robust else 0)
         library.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_MEDIUM)
         return scene
 
@@ -134,10 +135,9 @@ class Accel:
         _check("set up a geometry")
 
     def _commit(self, scene: int) -> None:
-        if self._stop is not None:
-            monitor = _PROGRESS_FUNCTION(lambda _pointer, _fraction: not self._stop())
-            self._keep.append(monitor)
-            library.rtcSetSceneProgressMonitorFunction(scene, monitor, None)
+        if self._halt is not None:
+            self._keep.append(self._halt)
+            library.rtcSetSceneProgressMonitorFunction(scene, build_monitor().address, self._halt.ctypes.data)
         library.rtcCommitScene(scene)
         _check("build the ray tracing structure")
 
@@ -151,32 +151,37 @@ class Accel:
                 return self._instance_geometry(geometry)
         raise TypeError(f"unknown geometry {geometry!r}")
 
-    def _share(self, geometry: int, buffer: int, layout: int, array: np.ndarray, stride: int, first: int, count: int):
+    def _share(self, geometry: int, buffer: int, layout: int, array: np.ndarray) -> None:
+        self._keep.append(array)
         library.rtcSetSharedGeometryBuffer(
-            geometry, buffer, 0, layout, array.ctypes.data, first * stride, stride, count
+            geometry, buffer, 0, layout, array.ctypes.data, 0, array.strides[0], len(array)
         )
 
     def _triangle_geometry(self, g: TriangleGeometry) -> int:
         geometry = library.rtcNewGeometry(device(), _TRIANGLE)
-        self._share(geometry, _VERTEX, _FLOAT3, self._vertices, 12, 0, len(self._vertices))
-        self._share(geometry, _INDEX, _UINT3, self._triangles, 12, g.first, g.count)
+        self._share(geometry, _VERTEX, _FLOAT3, g.vertices)
+        self._share(geometry, _INDEX, _UINT3, g.triangles)
         return geometry
 
     def _sphere_geometry(self, g: SphereGeometry) -> int:
-        self._keep.append(g.centers_radii)
         geometry = library.rtcNewGeometry(device(), _SPHERE_POINT)
-        self._share(geometry, _VERTEX, _FLOAT4, g.centers_radii, 16, 0, len(g.centers_radii))
+        self._share(geometry, _VERTEX, _FLOAT4, g.centers_radii)
         return geometry
 
     def _instance_geometry(self, g: InstanceGeometry) -> int:
-        scene = self._new_scene()
-        self._attach(scene, self._triangle_geometry(g.mesh), 0xFFFFFFFF)
-        self._commit(scene)
-        self._keep.append(g.transforms)
         geometry = library.rtcNewGeometry(device(), _INSTANCE_ARRAY)
-        library.rtcSetGeometryInstancedScene(geometry, scene)
-        self._share(geometry, _TRANSFORM, _FLOAT3X4_ROW_MAJOR, g.transforms, 48, 0, len(g.transforms))
+        library.rtcSetGeometryInstancedScene(geometry, self._mesh_scene(g.mesh))
+        self._share(geometry, _TRANSFORM, _FLOAT3X4_ROW_MAJOR, g.transforms)
         return geometry
+
+    def _mesh_scene(self, mesh: TriangleGeometry) -> int:
+        """Built once for a mesh, however many geometries place it."""
+        if id(mesh) not in self._scene_of_mesh:
+            scene = self._new_scene()
+            self._attach(scene, self._triangle_geometry(mesh), 0xFFFFFFFF)
+            self._commit(scene)
+            self._scene_of_mesh[id(mesh)] = scene
+        return self._scene_of_mesh[id(mesh)]
 
     def release(self) -> None:
         """Give the memory back. The address is invalid from then on."""

@@ -32,6 +32,7 @@ class Result:
     samples   per pixel (the mean, where they differ)
     seconds   by phase: "build", "compile", "render"
     rays      all that were traced, shadow rays included
+    road      that rendered it, which is not the one asked for where Numba is missing
     rejected  contributions that were not finite; they are left out of the picture, and always a defect
     draws_per_direction  points that rejection sampling of the hemisphere drew for a direction, 12 / pi expected; 0
               with the other ways of sampling
@@ -46,3 +47,4 @@ class Result:
     skipped: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     stopped: bool = False
+    road: str = "COMPILED"

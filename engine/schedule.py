@@ -12,13 +12,12 @@ import itertools
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 
 import numpy as np
 
-from .accel import BuildStopped
 from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
@@ -36,6 +35,7 @@ TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 0.7  # a kernel from the disk cache is there before that
+NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 
 tile_kernel = cache(make_tile_kernel)
 
@@ -45,17 +45,22 @@ class Stopped(Exception):
 
 
 class _Watch:
-    """Asks the caller whether to stop and tells how far the render is, on the caller's thread."""
+    """Asks the caller whether to stop and tells how far the render is, always on the caller's thread."""
 
     def __init__(self, settings: Settings, progress, stop):
         self.total, self._progress, self._stop = settings.samples, progress, stop
         self._time_limit = settings.time_limit
         self.start = self._told = time.perf_counter()
-        self.film: Film | None = None
+        self.film: Film | None = None  # once there is something to see
         self.render_start = 0.0
 
-    def stopped(self) -> bool:
-        return self._stop is not None and bool(self._stop())
+    def show(self, film: Film) -> None:
+        """From now on the film's picture and the remaining time are told."""
+        self.film, self.render_start = film, time.perf_counter()
+
+    @property
+    def deadline(self) -> float:
+        return self.render_start + self._time_limit if self._time_limit else np.inf
 
     def tell(self, message: str, force: bool = False) -> None:
         now = time.perf_counter()
@@ -66,12 +71,11 @@ class _Watch:
         done = float(film.samples.mean()) if film is not None else 0.0
         if done > 0:
             remaining = (now - self.render_start) * (self.total - done) / done
-            if self._time_limit:
-                remaining = min(remaining, max(self.render_start + self._time_limit - now, 0))
+            remaining = max(min(remaining, self.deadline - now), 0.0)
         picture = film.pixels if film is not None and done > 0 else lambda: None
         self._progress(Progress(int(done), self.total, now - self.start, remaining, message, picture))
 
-    def wait_for(self, futures: list[Future], message: Callable[[float], str]) -> None:
+    def wait_for(self, futures: Sequence[Future], message: Callable[[float], str]) -> None:
         """Until all are done; their exceptions are raised. Raises Stopped when the caller says so."""
         begun = time.perf_counter()
         pending = set(futures)
@@ -79,7 +83,7 @@ class _Watch:
             done, pending = wait(pending, timeout=POLL_SECONDS)
             for future in done:
                 future.result()
-            if pending and self.stopped():
+            if pending and self._stop is not None and self._stop():
                 raise Stopped
             self.tell(message(time.perf_counter() - begun))
 
@@ -92,104 +96,119 @@ def render_compiled(
     stop: Callable[[], bool] | None = None,
 ) -> Result:
     """See `engine.render`. Scene and settings are valid."""
-    watch = _Watch(settings, progress, stop)
-    film = Film(scene.render_region, scene.exposure)
-    result = Result(pixels=film.pixels(), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings))
-    threads = settings.threads or os.cpu_count() or 1
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="lobe")
-    try:
-        _run(scene, settings, watch, film, result, pool, threads)
-    except (Stopped, BuildStopped):
-        result.stopped = True
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    result.pixels = film.pixels()
-    result.samples = float(film.samples.mean()) if film.samples.size else 0.0
-    if result.rejected:
-        result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
-    return result
+    return _Render(scene, settings, _Watch(settings, progress, stop)).run()
 
 
-def _run(scene, settings, watch: _Watch, film: Film, result: Result, pool: ThreadPoolExecutor, threads: int) -> None:
-    clock = time.perf_counter
-    begun = clock()
-    watch.tell("building", force=True)
-    if _may_need_tree(scene):
-        watch.wait_for([pool.submit(load_builder)], _compiling)
-    compile_seconds = clock() - begun
+class _Render:
+    """One render, phase by phase, on a pool of threads. All of them, Embree's too, end early once `halt[0]` is set."""
 
-    begun = clock()
-    building = pool.submit(pack, scene, settings, watch.stopped)
-    watch.wait_for([building], lambda _: "building")
-    packed = building.result()
-    result.seconds["build"] = clock() - begun
-    result.skipped += packed.features.skipped()
+    def __init__(self, scene: Scene, settings: Settings, watch: _Watch):
+        self.scene, self.settings, self.watch = scene, settings, watch
+        self.film = Film(scene.render_region, scene.exposure)
+        self.result = Result(
+            pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
+        )
+        self.threads = settings.threads or os.cpu_count() or 1
+        self.pool = ThreadPoolExecutor(self.threads, thread_name_prefix="lobe")
+        self.halt = np.zeros(1, np.uint8)
+        self.counted = np.zeros(COUNTERS, np.int64)
 
-    begun = clock()
-    compiling = pool.submit(_load_kernel, packed, settings)
-    watch.wait_for([compiling], _compiling)
-    result.seconds["compile"] = compile_seconds + clock() - begun
+    def run(self) -> Result:
+        result, film = self.result, self.film
+        try:
+            with self._timed("compile"):
+                self._load_tree_builder()
+            with self._timed("build"):
+                packed = self._build()
+            with self._timed("compile"):
+                self._do(_compiling, _load_kernel, packed, self.settings)
+            with self._timed("render"):
+                self._passes(packed)
+        except Stopped:
+            result.stopped = True
+        finally:
+            self.halt[0] = 1
+            self.pool.shutdown(wait=False, cancel_futures=True)
+        result.pixels = film.pixels()
+        result.samples = float(film.samples.mean()) if film.samples.size else 0.0
+        if result.rejected:
+            result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
+        return result
 
-    begun = watch.render_start = clock()
-    watch.film = film
-    try:
-        _passes(settings, packed, watch, film, result, pool, threads)
-    finally:
-        result.seconds["render"] = clock() - begun
+    @contextlib.contextmanager
+    def _timed(self, phase: str) -> Iterator[None]:
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.result.seconds[phase] = self.result.seconds.get(phase, 0.0) + time.perf_counter() - begun
+
+    def _do(self, message: Callable[[float], str], function: Callable, *arguments):
+        """Call a function on a thread of the pool, while this one looks after the caller."""
+        future = self.pool.submit(function, *arguments)
+        self.watch.wait_for([future], message)
+        return future.result()
+
+    def _load_tree_builder(self) -> None:
+        self.watch.tell("building", force=True)
+        if len(self.scene.lights) > 1 or any(any(material.emission) for material in self.scene.materials):
+            self._do(_compiling, load_builder)
+
+    def _build(self) -> Packed:
+        packed = self._do(lambda _: "building", pack, self.scene, self.settings, self.halt)
+        self.result.skipped += packed.features.skipped()
+        return packed
+
+    def _passes(self, packed: Packed) -> None:
+        """All samples of all pixels, pass by pass."""
+        settings, watch = self.settings, self.watch
+        watch.show(self.film)
+        adaptive = AdaptiveSampling(self.film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
+        for first, count in _schedule(settings.samples):
+            self._one_pass(packed, adaptive, first, count)
+            watch.tell("rendering", force=first == 0)
+            if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
+                return
+
+    def _one_pass(self, packed: Packed, adaptive: AdaptiveSampling | None, first: int, count: int) -> None:
+        """Samples first .. first + count of the picture, on all threads."""
+        tiles = _Shared(_tiles(self.film.region, count))
+        futures = [self.pool.submit(self._work, packed, adaptive, tiles, first, count) for _ in range(self.threads)]
+        try:
+            self.watch.wait_for(futures, lambda _: "rendering")
+        finally:
+            # All threads have to be out of the kernel before anything that they read can go.
+            self.halt[0] = any(not future.done() for future in futures)
+            wait(futures)
+            self._count([future.result() for future in futures if future.exception() is None])
+
+    def _work(self, packed: Packed, adaptive, tiles: Iterator, first: int, count: int) -> tuple[int, np.ndarray]:
+        """One thread's part of a pass. Returns the rays traced and the kernel's counters."""
+        render_tile, tables = tile_kernel(packed.features), _tables(packed)
+        limits = _limits(packed.features, self.settings)
+        film, seed = self.film, np.uint32(self.settings.seed & 0xFFFFFFFF)
+        origin = np.array(film.region[:2], np.int64)
+        half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
+        ray, counters, rays = new_ray(), np.zeros(COUNTERS, np.int64), 0
+        for tile in tiles:
+            if self.halt[0] or (first > 0 and time.perf_counter() > self.watch.deadline):
+                break  # the first pass is finished in any case: a picture with holes is none
+            rays += render_tile(
+                tables, limits, ray, tile, first, count, seed, origin, film.sums, film.samples, half, active,
+                counters, self.halt,
+            )  # fmt: skip
+        return rays, counters
+
+    def _count(self, work: list[tuple[int, np.ndarray]]) -> None:
+        for rays, counters in work:
+            self.result.rays += rays
+            self.counted += counters
+        self.result.rejected = int(self.counted[REJECTED])
+        self.result.draws_per_direction = float(self.counted[DRAWS] / max(self.counted[DIRECTIONS], 1))
 
 
 def _compiling(seconds: float) -> str:
     return "compiling (first time only)" if seconds > ANNOUNCE_SECONDS else "preparing"
-
-
-def _may_need_tree(scene: Scene) -> bool:
-    return len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials)
-
-
-def _passes(settings, packed: Packed, watch: _Watch, film: Film, result: Result, pool, threads: int) -> None:
-    """All samples of all pixels, pass by pass."""
-    render_tile, tables, limits = tile_kernel(packed.features), _tables(packed), _limits(packed.features, settings)
-    adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
-    active = adaptive.active if adaptive else np.ones((1, 1), np.bool_)
-    half = adaptive.half if adaptive else np.zeros((1, 1, 3))
-    halt = np.zeros(1, np.uint8)
-    total = np.zeros(COUNTERS, np.int64)
-    x0, y0 = film.region[:2]
-    origin = np.array([x0, y0], np.int64)
-    deadline = watch.render_start + settings.time_limit if settings.time_limit else np.inf
-
-    def work(tiles: Iterator[tuple[int, int, int, int]], first: int, count: int) -> tuple[int, np.ndarray]:
-        ray, counters, rays = new_ray(), np.zeros(COUNTERS, np.int64), 0
-        for tile in tiles:
-            if halt[0] or (first > 0 and time.perf_counter() > deadline):
-                break  # the first pass is finished in any case: a picture with holes is none
-            rays += render_tile(
-                tables, limits, ray, tile, first, count, np.uint32(settings.seed & 0xFFFFFFFF), origin,
-                film.sums, film.samples, half, active, counters, halt,
-            )  # fmt: skip
-        return rays, counters
-
-    for first, count in _schedule(settings.samples):
-        tiles = _Shared(_tiles(film.region, count))
-        futures = [pool.submit(work, tiles, first, count) for _ in range(threads)]
-        try:
-            watch.wait_for(futures, lambda _: "rendering")
-        finally:
-            # All threads have to be out of the kernel before anything that they read can go.
-            halt[0] = any(not future.done() for future in futures)
-            wait(futures)
-            for future in futures:
-                if future.exception() is None:
-                    rays, counted = future.result()
-                    result.rays += rays
-                    total += counted
-            result.rejected = int(total[REJECTED])
-            result.draws_per_direction = float(total[DRAWS] / max(total[DIRECTIONS], 1))
-        watch.tell("rendering", force=first == 0)
-        if adaptive is not None and adaptive.update():
-            break
-        if time.perf_counter() > deadline:
-            break
 
 
 def _schedule(total: int) -> Iterator[tuple[int, int]]:

@@ -140,8 +140,7 @@ def _check_reach(instances: Instances, meshes: Sequence[Mesh]) -> None:
     Bounds of boxes, so a box that reaches out may be refused for a mesh that just doesn't."""
     if not len(instances):
         return
-    extent = np.array([np.abs([m.vertices.min(0), m.vertices.max(0)]).max(0) if len(m.vertices) else np.zeros(3)
-                       for m in meshes], np.float64)  # fmt: skip
+    extent = np.array([np.abs(mesh.bounds()).max(axis=0) for mesh in meshes], np.float64)
     moved = np.einsum("nij,nj->ni", np.abs(instances.transforms[:, :, :3]), extent[instances.mesh])
     reach = (moved + np.abs(instances.transforms[:, :, 3])).max(axis=1)
     far = int(np.argmax(reach))

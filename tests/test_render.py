@@ -11,8 +11,10 @@ import pytest
 import scenes
 
 from engine import AreaLight, Material, SceneError, Settings, SettingsError, Visibility, World, render
+from engine.accel import Accel, BuildStopped
 from engine.kernels.embree import is_finite
 from engine.kernels.jit import kernel
+from engine.pack.geometry import pack_geometry
 
 QUICK = Settings(samples=8, threads=2)
 
@@ -50,6 +52,16 @@ def test_stop_takes_effect_within_half_a_second_and_keeps_the_picture():
     assert time.perf_counter() - started < 0.8
     assert result.stopped
     assert result.pixels[..., :3].max() > 0
+
+
+def test_a_build_ends_when_it_is_told_to():
+    mesh = scenes.sphere_mesh(100)
+    packed = pack_geometry(scenes.furnace(mesh=mesh))
+    halt = np.zeros(1, np.uint8)
+    Accel(packed.shapes, halt)
+    halt[0] = 1
+    with pytest.raises(BuildStopped):
+        Accel(packed.shapes, halt)
 
 
 def test_progress_ends_at_all_samples():

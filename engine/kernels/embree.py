@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from functools import cache
 from pathlib import Path
 
 import embreex.rtcore_scene
 import llvmlite.binding as llvm
 import numpy as np
-from numba import types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .jit import device
+from .jit import callback, device
 
 
 def load_library() -> ctypes.CDLL:
@@ -121,3 +122,15 @@ def occluded(scene, ray, words, origin, direction, t_near, t_far, mask):
     _set_ray(ray, words, origin, direction, t_near, t_far, mask)
     _rtcOccluded1(_pointer(scene), _pointer(np.uintp(ray.ctypes.data)), _pointer(np.uintp(0)))
     return ray[TFAR] < np.float32(0)
+
+
+@cache
+def build_monitor():
+    """What Embree asks, thousands of times and on its own threads, whether to go on building: until the byte that it
+    is given is set."""
+
+    @callback("uint8(voidptr, float64)")
+    def goes_on(halt, _fraction):
+        return np.uint8(carray(halt, 1, np.uint8)[0] == 0)
+
+    return goes_on

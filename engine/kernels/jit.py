@@ -11,6 +11,7 @@ import getpass
 import hashlib
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,10 +40,8 @@ def _source_hash() -> str:
 
 
 def _user() -> str:
-    try:
-        return getpass.getuser()
-    except Exception:  # a container's user may have no name; which error says so depends on the version of Python
-        return str(os.getuid()) if hasattr(os, "getuid") else "user"
+    """As tools/lobe_blender.py names its folder: users of one name in two containers are still two users."""
+    return str(os.getuid()) if hasattr(os, "getuid") else getpass.getuser()
 
 
 def _cache_folder() -> Path:
@@ -52,14 +51,30 @@ def _cache_folder() -> Path:
     neither can be written, in a new folder: the kernels then compile once for each process, which is better than not
     at all.
     """
-    places = [Path(tempfile.gettempdir()) / f"lobe-cache-{_user()}"]
+    shared = Path(tempfile.gettempdir()) / f"lobe-cache-{_user()}"
+    places = [shared]
     if chosen := os.environ.get("LOBE_CACHE_DIR"):
         places.insert(0, Path(chosen))
     for place in places:
         folder = place / "kernels" / _source_hash()
-        if _is_writable(folder):
+        if (place is not shared or _is_ours(place)) and _is_writable(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="lobe-cache-"))
+
+
+def _is_ours(folder: Path) -> bool:
+    """Make the folder for this user alone. The temporary folder is everybody's, and what lies in a cache is run:
+    what another user has put there under our name doesn't count. Only systems with owners share that folder."""
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        if hasattr(os, "getuid"):
+            status = folder.lstat()
+            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
+                return False
+            folder.chmod(0o700)
+    except OSError:
+        return False
+    return True
 
 
 def _is_writable(folder: Path) -> bool:
@@ -124,3 +139,13 @@ def kernel(function):
     """Compile a function that Python calls with packed arrays."""
     with _own_cache():
         return numba.njit(**_OPTIONS)(function)
+
+
+def callback(signature: str):
+    """Compile a function for C to call, at once. It runs on any thread and without the interpreter's lock."""
+
+    def compile_it(function):
+        with _own_cache():
+            return numba.cfunc(signature, cache=True)(function)
+
+    return compile_it

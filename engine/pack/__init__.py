@@ -5,7 +5,6 @@ This is the only module that knows both sides: the scene description above and t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,11 +36,11 @@ class Packed:
     accel: Accel
 
 
-def pack(scene: Scene, settings: Settings, stop: Callable[[], bool] | None = None) -> Packed:
-    """Pack and build. The scene must have passed `Scene.validate`. Raises accel.BuildStopped when `stop` says so."""
+def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Packed:
+    """Pack and build. The scene must have passed `Scene.validate`. Raises accel.BuildStopped once `halt` is set."""
     geometry = pack_geometry(scene)
     lights = pack_lights(scene, geometry)
-    accel = Accel(geometry.tables.vertices, geometry.tables.triangles, geometry.shapes + lights.shapes, stop=stop)
+    accel = Accel([*geometry.shapes, *lights.shapes], halt)
     kind = np.concatenate([geometry.tables.kind, lights.shape_kind]).astype(np.int32)
     base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)
     tables = geometry.tables._replace(accel=np.array([accel.address], np.uint64), kind=kind, base=base)

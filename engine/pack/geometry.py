@@ -7,8 +7,9 @@ Embree instances of a shared mesh. Emissive meshes are always baked, as each of 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -35,6 +36,8 @@ FLATTEST_INSTANCE = 1e-6
 # Sharper mirrors cannot be told apart, and the kernels' float32 keeps to numbers that it can square.
 MAX_EXPONENT = 1e8
 
+VERTEX_PADDING = 2  # rows that no triangle uses: Embree reads 16 bytes at the last vertex
+CHUNK = 1 << 13
 INVALID = np.uint32(0xFFFFFFFF)
 SCATTERED = int(Visibility.DIFFUSE | Visibility.GLOSSY | Visibility.SHADOW)
 
@@ -50,124 +53,36 @@ class PackedGeometry:
     features: dict[str, int]
 
 
-@dataclass
-class _Triangles:
-    """Arrays to be joined, with the running numbers of vertices, triangles and normals."""
-
-    vertices: list[np.ndarray] = field(default_factory=list)
-    triangles: list[np.ndarray] = field(default_factory=list)
-    slots: list[np.ndarray] = field(default_factory=list)
-    normals: list[np.ndarray] = field(default_factory=list)
-    normal_triangles: list[np.ndarray | None] = field(default_factory=list)
-    vertex_count: int = 0
-    triangle_count: int = 0
-    normal_count: int = 0
-
-    def add(self, mesh: Mesh, vertices: np.ndarray, normals: np.ndarray | None, slots: np.ndarray) -> int:
-        """Append a mesh; returns the index of its first triangle."""
-        first = self.triangle_count
-        self.vertices.append(vertices)
-        self.triangles.append(mesh.triangles + np.uint32(self.vertex_count))
-        self.slots.append(slots)
-        if normals is None:
-            self.normal_triangles.append(None)
-        else:
-            indices = mesh.triangles if mesh.normal_indices is None else mesh.normal_indices
-            self.normals.append(normals)
-            self.normal_triangles.append(indices + np.uint32(self.normal_count))
-            self.normal_count += len(normals)
-        self.vertex_count += len(vertices)
-        self.triangle_count += len(mesh.triangles)
-        return first
-
-    def joined_normal_triangles(self) -> np.ndarray:
-        if not self.normals:
-            return np.zeros((0, 3), np.uint32)
-        return np.concatenate(
-            [
-                np.full(triangles.shape, INVALID, np.uint32) if normals is None else normals
-                for triangles, normals in zip(self.triangles, self.normal_triangles, strict=True)
-            ]
-        )
-
-
 def pack_geometry(scene: Scene) -> PackedGeometry:
     """Everything that has triangles. See the module's text for what is baked and what is instanced."""
     instances = scene.instances
     materials = pack_materials(scene)
-    members = _instances_by_mesh(instances, len(scene.meshes))
-    emits = _instances_that_emit(instances, materials)
-    flat = _squeezed(instances.transforms)
-
-    out = _Triangles()
-    baked: dict[int, list[tuple[Mesh, int]]] = {}  # by visibility
-    instanced: list[tuple[Mesh, int, np.ndarray]] = []
-    for mesh, rows in zip(scene.meshes, members, strict=True):
-        if not len(mesh.triangles):
-            continue
-        rows = rows[instances.visibility[rows] != 0]
-        if len(rows) * len(mesh.triangles) <= BAKE_LIMIT or len(rows) == 1:
-            alone, shared = rows, rows[:0]
-        else:
-            bake = emits[rows] | flat[rows]
-            alone, shared = rows[bake], rows[~bake]
-        for row in alone:
-            baked.setdefault(int(instances.visibility[row]), []).append((mesh, int(row)))
-        for visibility in np.unique(instances.visibility[shared]):
-            instanced.append((mesh, int(visibility), shared[instances.visibility[shared] == visibility]))
-
-    shapes: list[TriangleGeometry | InstanceGeometry] = []
-    kind, base, instance_base = [], [], []
-    visible: list[np.ndarray] = []
-    for visibility, placed in baked.items():
-        first = out.triangle_count
-        for mesh, row in placed:
-            _bake(out, mesh, instances, row)
-        shapes.append(TriangleGeometry(first, out.triangle_count - first, visibility))
-        visible.append(np.full(out.triangle_count - first, visibility, np.uint8))
-        kind.append(BAKED_MESH)
-        base.append(first)
-        instance_base.append(0)
+    baked, shared = _plan(scene, materials)
+    meshes = [scene.meshes[mesh] for mesh, _ in baked] + [scene.meshes[mesh] for mesh in shared]
+    out = _Triangles(meshes)
+    shapes = _Shapes()
+    _add_baked(scene, baked, out, shapes)
     baked_count = out.triangle_count
-
-    transforms, slot_offset, slot_count = [], [], []
-    shared_meshes: dict[int, TriangleGeometry] = {}
-    placed_count = 0
-    for mesh, visibility, rows in instanced:
-        center = _center(mesh)
-        if id(mesh) not in shared_meshes:
-            first = out.add(mesh, (mesh.vertices - center).astype(np.float32), mesh.normals, _slots(mesh))
-            shared_meshes[id(mesh)] = TriangleGeometry(first, len(mesh.triangles), 0)
-        shared_mesh = shared_meshes[id(mesh)]
-        matrices = _moved_origin(instances.transforms[rows], center)
-        shapes.append(InstanceGeometry(shared_mesh, matrices, visibility))
-        kind.append(INSTANCED_MESH)
-        base.append(shared_mesh.first)
-        instance_base.append(placed_count)
-        placed_count += len(rows)
-        transforms.append(matrices)
-        slot_offset.append(instances.material_offset[rows])
-        slot_count.append(instances.slot_count[rows])
-
+    _add_shared(scene, shared, out, shapes)
     tables = Geometry(
         accel=np.zeros(1, np.uint64),
-        vertices=_join(out.vertices, (0, 3), np.float32, padding=2),
-        triangles=_join(out.triangles, (0, 3), np.uint32),
-        triangle_slot=_join(out.slots, (0,), np.int32),
-        normals=_join(out.normals, (0, 3), np.float32),
-        normal_triangles=own(out.joined_normal_triangles(), np.uint32),
-        kind=np.array(kind, np.int32),
-        base=np.array(base, np.int32),
-        instance_base=np.array(instance_base, np.int32),
-        transforms=_join(transforms, (0, 3, 4), np.float32),
-        slot_offset=_join(slot_offset, (0,), np.int32),
-        slot_count=_join(slot_count, (0,), np.int32),
+        vertices=out.vertices,
+        triangles=out.triangles,
+        triangle_slot=out.slots,
+        normals=out.normals,
+        normal_triangles=out.normal_triangles,
+        kind=np.array(shapes.kind, np.int32),
+        base=np.array(shapes.base, np.int32),
+        instance_base=np.array(shapes.instance_base, np.int32),
+        transforms=_join(shapes.transforms, (0, 3, 4), np.float32),
+        slot_offset=_join(shapes.slot_offset, (0,), np.int32),
+        slot_count=_join(shapes.slot_count, (0,), np.int32),
         slots=own(instances.material_table, np.int32),
         materials=materials,
     )
     used = np.zeros(len(materials), bool)
-    used[np.unique(tables.triangle_slot[:baked_count])] = True
-    if placed_count:
+    used[out.slots[:baked_count]] = True
+    if shared:
         used[instances.material_table] = True
     seen = materials[used]
     bounced = instances.visibility & SCATTERED
@@ -175,11 +90,132 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
         # An object that blocks shadow rays only, or only the others, makes the two ways of finding light disagree.
         "shared_light": int(np.all((bounced == 0) | (bounced == SCATTERED))),
         "phong": int(np.any(seen[:, KS : KS + 3] > 0)),
-        "smooth": int(bool(out.normals)),
-        "instances": int(placed_count > 0),
+        "smooth": int(out.has_normals),
+        "instances": int(bool(shared)),
         "transparency": int(np.any(seen[:, TRANSPARENCY : TRANSPARENCY + 3] > 0)),
     }
-    return PackedGeometry(tables, baked_count, _join(visible, (0,), np.uint8), shapes, features)
+    visibility = instances.visibility[[row for _, row in baked]]
+    counts = [len(scene.meshes[mesh].triangles) for mesh, _ in baked]
+    return PackedGeometry(tables, baked_count, np.repeat(visibility, counts), shapes.shapes, features)
+
+
+def _plan(scene: Scene, materials: np.ndarray) -> tuple[list[tuple[int, int]], dict[int, np.ndarray]]:
+    """(what is baked, as mesh and row of the instance, sorted by visibility; the rows of each mesh that is shared)."""
+    instances = scene.instances
+    emits = _instances_that_emit(instances, materials)
+    flat = _squeezed(instances.transforms)
+    baked: list[tuple[int, int]] = []
+    shared: dict[int, np.ndarray] = {}
+    for index, (mesh, rows) in enumerate(zip(scene.meshes, _rows_of_meshes(scene), strict=True)):
+        rows = rows[instances.visibility[rows] != 0]
+        if not len(rows) or not len(mesh.triangles):
+            continue
+        bake = np.ones(len(rows), bool)
+        if len(rows) > 1 and len(rows) * len(mesh.triangles) > BAKE_LIMIT:
+            bake = emits[rows] | flat[rows]
+        baked += [(index, int(row)) for row in rows[bake]]
+        if not bake.all():
+            shared[index] = rows[~bake]
+    baked.sort(key=lambda placed: instances.visibility[placed[1]])
+    return baked, shared
+
+
+class _Triangles:
+    """The arrays of all triangles, allocated once and filled mesh by mesh."""
+
+    def __init__(self, meshes: list[Mesh]):
+        vertices, triangles = sum(len(m.vertices) for m in meshes), sum(len(m.triangles) for m in meshes)
+        normals = sum(len(m.normals) for m in meshes if m.normals is not None)
+        self.has_normals = normals > 0
+        self.vertices = np.empty((vertices + VERTEX_PADDING, 3), np.float32)
+        self.vertices[vertices:] = 0
+        self.triangles = np.empty((triangles, 3), np.uint32)
+        self.slots = np.empty(triangles, np.int32)
+        self.normals = np.empty((normals, 3), np.float32)
+        # Where every vertex of every mesh has its normal, the two are numbered alike.
+        self._alike = all(m.normals is not None and m.normal_indices is None for m in meshes)
+        self._alike &= normals == vertices
+        self.normal_triangles = self.triangles
+        if not self._alike:
+            self.normal_triangles = np.empty((triangles if normals else 0, 3), np.uint32)
+        self._vertex_count = self.triangle_count = self._normal_count = 0
+
+    def add(self, mesh: Mesh, matrix: np.ndarray, slots: np.ndarray | int) -> TriangleGeometry:
+        """Write a mesh, moved by `matrix` (3, 4)."""
+        first, count = self.triangle_count, len(mesh.triangles)
+        rows = slice(first, first + count)
+        _transform(mesh.vertices, matrix[:, :3], matrix[:, 3], self.vertices[self._vertex_count :])
+        np.add(mesh.triangles, np.uint32(self._vertex_count), out=self.triangles[rows])
+        self.slots[rows] = slots
+        if mesh.normals is None:
+            if self.has_normals:
+                self.normal_triangles[rows] = INVALID
+        else:
+            _transform_normals(mesh.normals, matrix[:, :3], self.normals[self._normal_count :])
+            if not self._alike:
+                indices = mesh.triangles if mesh.normal_indices is None else mesh.normal_indices
+                np.add(indices, np.uint32(self._normal_count), out=self.normal_triangles[rows])
+            self._normal_count += len(mesh.normals)
+        self._vertex_count += len(mesh.vertices)
+        self.triangle_count += count
+        return TriangleGeometry(self.vertices, self.triangles[rows], 0)
+
+
+@dataclass
+class _Shapes:
+    """The Embree geometries, and by their ids what the kernels need to know of each."""
+
+    shapes: list[TriangleGeometry | InstanceGeometry] = field(default_factory=list)
+    kind: list[int] = field(default_factory=list)
+    base: list[int] = field(default_factory=list)
+    instance_base: list[int] = field(default_factory=list)
+    transforms: list[np.ndarray] = field(default_factory=list)
+    slot_offset: list[np.ndarray] = field(default_factory=list)
+    slot_count: list[np.ndarray] = field(default_factory=list)
+    instance_count: int = 0
+
+    def add(self, shape: TriangleGeometry | InstanceGeometry, kind: int, base: int) -> None:
+        self.shapes.append(shape)
+        self.kind.append(kind)
+        self.base.append(base)
+        self.instance_base.append(self.instance_count)
+
+
+def _add_baked(scene: Scene, baked: list[tuple[int, int]], out: _Triangles, shapes: _Shapes) -> None:
+    """In world space, slots replaced by materials: one Embree geometry for each visibility."""
+    instances = scene.instances
+    for visibility, placed in groupby(baked, key=lambda placed: int(instances.visibility[placed[1]])):
+        first = out.triangle_count
+        for index, row in placed:
+            mesh, offset = scene.meshes[index], int(instances.material_offset[row])
+            materials = instances.material_table[offset : offset + int(instances.slot_count[row])]
+            slots = mesh.material_slots
+            out.add(
+                mesh,
+                np.asarray(instances.transforms[row], np.float64),
+                materials[0] if slots is None else materials[np.clip(slots, 0, len(materials) - 1)],
+            )
+        whole = TriangleGeometry(out.vertices, out.triangles[first : out.triangle_count], visibility)
+        shapes.add(whole, BAKED_MESH, first)
+
+
+def _add_shared(scene: Scene, shared: dict[int, np.ndarray], out: _Triangles, shapes: _Shapes) -> None:
+    """In object space, about the middle of the mesh's box: the hit points of a mesh that lies far from its own origin
+    would be too coarse to start rays from. One Embree geometry of instances for each mesh and visibility."""
+    instances = scene.instances
+    for index, rows in shared.items():
+        mesh, first = scene.meshes[index], out.triangle_count
+        center = mesh.bounds().astype(np.float64).mean(axis=0)
+        to_center = np.column_stack([np.eye(3), -center])
+        geometry = out.add(mesh, to_center, 0 if mesh.material_slots is None else mesh.material_slots)
+        for visibility in np.unique(instances.visibility[rows]):
+            members = rows[instances.visibility[rows] == visibility]
+            matrices = _moved_origin(instances.transforms[members], center)
+            shapes.add(InstanceGeometry(geometry, matrices, int(visibility)), INSTANCED_MESH, first)
+            shapes.instance_count += len(members)
+            shapes.transforms.append(matrices)
+            shapes.slot_offset.append(instances.material_offset[members])
+            shapes.slot_count.append(instances.slot_count[members])
 
 
 def own(values, dtype) -> np.ndarray:
@@ -199,10 +235,10 @@ def pack_materials(scene: Scene) -> np.ndarray:
     return table
 
 
-def _instances_by_mesh(instances: Instances, mesh_count: int) -> list[np.ndarray]:
-    """Rows of the instances of each mesh."""
-    order = np.argsort(instances.mesh, kind="stable")
-    ends = np.searchsorted(instances.mesh[order], np.arange(mesh_count + 1))
+def _rows_of_meshes(scene: Scene) -> list[np.ndarray]:
+    """Of each mesh the rows of its instances."""
+    order = np.argsort(scene.instances.mesh, kind="stable")
+    ends = np.searchsorted(scene.instances.mesh[order], np.arange(len(scene.meshes) + 1))
     return [order[a:b] for a, b in pairwise(ends)]
 
 
@@ -220,12 +256,6 @@ def _squeezed(transforms: np.ndarray) -> np.ndarray:
     return ~(np.abs(np.linalg.det(linear)) > FLATTEST_INSTANCE * lengths)
 
 
-def _center(mesh: Mesh) -> np.ndarray:
-    """(3,) float64, the middle of the mesh's box. Shared meshes are stored about it: the hit points of one that lies
-    far from its own origin would be too coarse to start rays from."""
-    return (mesh.vertices.min(axis=0).astype(np.float64) + mesh.vertices.max(axis=0)) / 2
-
-
 def _moved_origin(transforms: np.ndarray, center: np.ndarray) -> np.ndarray:
     """(I, 3, 4) float32: the same placement for vertices from which `center` was subtracted. In float64, rounded
     once."""
@@ -234,42 +264,33 @@ def _moved_origin(transforms: np.ndarray, center: np.ndarray) -> np.ndarray:
     return moved.astype(np.float32)
 
 
-def _slots(mesh: Mesh) -> np.ndarray:
-    if mesh.material_slots is None:
-        return np.zeros(len(mesh.triangles), np.int32)
-    return np.asarray(mesh.material_slots, np.int32)
+def _transform(points: np.ndarray, linear: np.ndarray, origin: np.ndarray, out: np.ndarray) -> None:
+    """points (n, 3) float32 into the first rows of `out`. In float64, rounded once."""
+    if np.array_equal(linear, np.eye(3)) and not origin.any():
+        out[: len(points)] = points
+        return
+    for rows in _chunks(len(points)):
+        out[rows] = points[rows] @ linear.T + origin
 
 
-def _bake(out: _Triangles, mesh: Mesh, instances: Instances, row: int) -> None:
-    """Append a mesh in world space, its slots replaced by materials. In float64, rounded once."""
-    matrix = np.asarray(instances.transforms[row], np.float64)
-    if np.array_equal(matrix, np.eye(3, 4)):
-        vertices, normals = mesh.vertices, mesh.normals
-    else:
-        vertices = (mesh.vertices @ matrix[:, :3].T + matrix[:, 3]).astype(np.float32)
-        normals = None if mesh.normals is None else _transform_normals(mesh.normals, matrix)
-    offset, count = int(instances.material_offset[row]), int(instances.slot_count[row])
-    slots = np.clip(_slots(mesh), 0, count - 1)
-    out.add(mesh, vertices, normals, np.asarray(instances.material_table, np.int32)[offset + slots])
-
-
-def _transform_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def _transform_normals(normals: np.ndarray, linear: np.ndarray, out: np.ndarray) -> None:
     """By the matrix of cofactors, so that they keep to the side that the transformed triangle's winding gives."""
-    x, y, z = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    if np.array_equal(linear, np.eye(3)):
+        out[: len(normals)] = normals
+        return
+    x, y, z = linear.T
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
-    turned = normals @ cofactors.T
-    length = np.linalg.norm(turned, axis=1, keepdims=True)
-    return np.divide(turned, length, out=np.zeros_like(turned), where=length > 0).astype(np.float32)
+    for rows in _chunks(len(normals)):
+        turned = normals[rows] @ cofactors.T
+        length = np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
+        out[rows] = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
 
 
-def _join(parts: list[np.ndarray], empty_shape: tuple[int, ...], dtype, padding: int = 0) -> np.ndarray:
-    """Concatenate, with `padding` rows of zeros past the end that no index reaches."""
-    rest = empty_shape[1:]
-    total = sum(len(p) for p in parts)
-    out = np.empty((total + padding, *rest), dtype)
-    at = 0
-    for part in parts:
-        out[at : at + len(part)] = part
-        at += len(part)
-    out[total:] = 0
-    return out
+def _chunks(count: int) -> Iterator[slice]:
+    """Parts of an array whose temporaries fit the cache, which makes numpy some four times as fast."""
+    return (slice(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK))
+
+
+def _join(parts: list[np.ndarray], empty_shape: tuple[int, ...], dtype) -> np.ndarray:
+    """Concatenated; `empty_shape` where there is none."""
+    return np.concatenate([np.empty(empty_shape, dtype), *parts], dtype=dtype)
