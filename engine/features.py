@@ -32,7 +32,7 @@ class Features(NamedTuple):
     lamp_shapes: int = 0  # some lamp has a size that rays can meet
     unshadowed: int = 0  # some lamp casts no shadow
     ray_kinds: int = 0  # diffuse and glossy rays differ in what they see or how far they go
-    shared_light: int = 1  # both ways to find light, light sampling and BSDF sampling, see the same objects
+    shared_light: int = 1  # shadow rays and all others see the same objects; where not, see kernels/mis.py
     emitter_choice: int = 0  # NO_EMITTER, ONE_EMITTER, EMITTER_TREE: of lamps and emissive triangles
     suns: int = 0
     sun_disks: int = 0  # some sun has an angle, so that rays can meet it

@@ -50,6 +50,14 @@ class Mesh:
     normal_indices: np.ndarray | None = None
     material_slots: np.ndarray | None = None
 
+    def bounds(self) -> np.ndarray:
+        """(2, 3) float32, the lowest and the highest coordinates; zeros without vertices."""
+        if not len(self.vertices):
+            return np.zeros((2, 3), np.float32)
+        # Axis by axis: over the short axis of such an array numpy takes twenty times as long.
+        axes = self.vertices.T
+        return np.array([[axis.min() for axis in axes], [axis.max() for axis in axes]])
+
 
 @dataclass
 class Instances:
@@ -176,7 +184,7 @@ class World:
     color     radiance, multiplies the image if there is one
     image     (H, W, 3) float32, equirectangular radiance, row 0 at the bottom (straight down); None: constant.
               Lookups interpolate bilinearly and wrap around in u. A direction d in environment space has
-              u = (atan2(d.y, -d.x) / pi + 1) / 2 and v = acos(-d.z) / pi
+              u = (1 - atan2(d.y, d.x) / pi) / 2 and v = acos(-d.z) / pi, as in Blender
     rotation  (3, 3) float64, orthogonal, takes a world direction into environment space
     """
 

@@ -16,6 +16,7 @@ from engine import Settings, render
 result = render(scenes.furnace(), Settings(samples=1, road="{road}"))
 assert result.pixels.shape[2] == 4 and result.rays > 0
 assert "engine.schedule" not in sys.modules
+assert result.road == "REFERENCE"
 print(*result.warnings, sep="\\n")
 """
 

@@ -18,10 +18,6 @@ from .materials.tree import Slot, find_input, shader_output, source
 from .materials.values import Evaluator, as_color, node_label, value_node
 from .notes import Notes
 
-# The engine's environment space has the middle of the image at -x, Blender's at +x (Cycles,
-# kernel/camera/projection.h, direction_to_equirectangular; and rendered): they are half a turn about z apart.
-HALF_TURN = np.diag([-1.0, -1.0, 1.0])
-
 # Mean radiance over the whole sphere of each kind of sky texture with its default settings, rendered with Cycles 5.0.
 SKIES = {
     "PREETHAM": (0.60, 0.68, 1.00),
@@ -59,7 +55,7 @@ def export_world(world, notes: Notes, images: Images) -> World:
     return World(
         color=(1.0, 1.0, 1.0),
         image=clean(light),
-        rotation=HALF_TURN @ environment.rotation,
+        rotation=environment.rotation,
         visibility=visibility,
     )
 

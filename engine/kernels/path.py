@@ -1,7 +1,8 @@
 """The path tracer: one function that follows one path, and the kernel that fills a tile with them.
 
-Unidirectional, with light sampling at every vertex, multiple importance sampling (power heuristic) and Russian
-roulette. `f` is the scene's `Features` everywhere: constants, so that what is off costs nothing.
+Unidirectional, with light sampling at every vertex (`direct`), light that rays meet (`met`), multiple importance
+sampling of both (`mis`) and Russian roulette. `f` is the scene's `Features` everywhere: constants, so that what is
+off costs nothing.
 
 Bounces count as in Cycles: `max_bounces` 0 is direct light. A path that has used up its bounces takes one more ray,
 which only sees emission: that is the BSDF-sampled half of the last vertex's direct light.
@@ -10,415 +11,243 @@ which only sees emission: that is the BSDF-sampled half of the last vertex's dir
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from ..features import DARK_WORLD, DISK, IMAGE_WORLD, NO_EMITTER, Features
-from .bsdf import evaluate, phong_probability, sample
-from .bsdf.diffuse import REJECTION
+from ..features import CONSTANT_WORLD, DARK_WORLD, Features
+from .bsdf import phong_probability, sample
+from .bsdf.diffuse import REJECTION, diffuse_f
 from .camera import generate_ray
-from .embree import (
-    GEOM_ID,
-    INST_ID,
-    INVALID,
-    NORMAL,
-    PRIM_ID,
-    TFAR,
-    bits_of,
-    float_of,
-    intersect,
-    is_finite,
-    occluded,
-)
+from .direct import direct_light, samples_lights
+from .embree import TFAR, is_finite
 from .film.filter import sample_filter
 from .geom.surface import find_surface, offset_origin
 from .geom.vec import (
     BLACK,
+    FAR,
+    HALF,
     ONE,
     ZERO,
     add,
-    add_scaled,
     average,
     dot,
     is_black,
-    length,
     max_component,
-    mul,
     negate,
     scale,
     sub,
 )
 from .jit import device, kernel
-from .light.emitters import (
-    emission,
-    found_by_rays,
-    lamp_seen,
-    local_probability,
-    sample_light,
-    sun_seen_pdf,
-    surface_seen_pdf,
-    world_seen,
+from .met import emitted, follow, follow_as_shadow, sees_shadows_light
+from .records import (
+    DIRECTION,
+    FIRST_VERTEX,
+    KIND,
+    LENS,
+    LOBE,
+    MAX_TRANSPARENT,
+    NO_LAMP,
+    PASS,
+    PIXEL,
+    ROULETTE,
+    VERTEX_DECISIONS,
+    WHITE,
+    Bounces,
+    Light,
+    Limits,
+    Numbers,
+    Ray,
+    RayMemory,
+    Stretch,
+    Tables,
+    Vertex,
+    dimmed,
+    gather,
+    material_color,
 )
-from .light.point import disk_distance, inside_lamp
 from .sampler.random import hash32
 from .sampler.sobol import hash_pixel, sample_1d, sample_2d, start_sample
-from .sampler.warp import INV_PI
-from .tables import (
-    CAMERA_RAY,
-    DIFFUSE_RAY,
-    EXPONENT,
-    GLOSSY_RAY,
-    KD,
-    KS,
-    LAMP_QUADS,
-    LAMP_SHIFT,
-    SHADOW_RAY,
-    TRANSPARENCY,
-)
+from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, KD, KS, TRANSPARENCY
 
-FAR = np.float32(np.inf)
-HALF = np.float32(0.5)
-# A shadow ray ends a little before the light, so that it does not meet the light itself: this part of its length, and
-# this part of the coordinates, which is some roundings of float32.
-SHADOW_GAP, COORDINATE_GAP = np.float32(1e-5), np.float32(1e-6)
+__all__ = ["COUNTERS", "DIRECTIONS", "DRAWS", "REJECTED", "Limits", "Tables", "make_tile_kernel"]
+
 # Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule; on the Cornell box 1.25 takes
 # 5 % more rays and 13 % off the variance.
 ROULETTE_KEEP = np.float32(1.25)
-# Rays pass at most this many transparent surfaces in a row.
-MAX_TRANSPARENT = 256
-
-# Decisions of a path, as dimensions of the sampler: two for the camera, then these for each vertex.
-PIXEL, LENS, FIRST_VERTEX = 0, 1, 2
-LIGHT_CHOICE, LIGHT_POINT, LOBE, DIRECTION, ROULETTE, PASS, KIND, VERTEX_DECISIONS = 0, 1, 2, 3, 4, 5, 6, 7
-
 
 # What a kernel counts besides rays: samples that were not finite; points that rejection sampling drew, and for how
 # many directions.
 REJECTED, DRAWS, DIRECTIONS, COUNTERS = 0, 1, 2, 3
 
 
-class Limits(NamedTuple):
-    """Where paths end. clamp_*: of a single contribution's mean over the channels; 0: none."""
-
-    max_bounces: np.int32
-    diffuse_bounces: np.int32
-    glossy_bounces: np.int32
-    clamp_direct: np.float32
-    clamp_indirect: np.float32
-
-
-class Tables(NamedTuple):
-    """Everything a path reads: see kernels/tables.py and the modules that build each table."""
-
-    geometry: tuple
-    lights: tuple
-    environment: tuple
-    tree: tuple
-    camera: np.ndarray
-    filter_table: np.ndarray
-    sampler: np.ndarray
-
-
 @device
-def power_heuristic(a, b):
-    """Weight of a sample with density a where b was the other way to draw it. Veach 1997, beta = 2."""
-    ratio = b / a
-    return ONE / (ONE + ratio * ratio)
-
-
-@device
-def clamped(f, contribution, limit):
-    """At most `limit` in the mean over the channels, the hue kept."""
-    if f.clamp and limit > ZERO:
-        mean = average(contribution)
-        if mean > limit:
-            return scale(contribution, limit / mean)
-    return contribution
-
-
-@device
-def material_color(geometry, material, word):
-    m = geometry.materials
-    return m[material, word], m[material, word + 1], m[material, word + 2]
-
-
-@device
-def transmittance(f, geometry, ray, words, start, direction, t_far):
-    """(fraction of light that gets through from `start` on, as far as `t_far`, rays traced).
-
-    t_far is infinite, or just below 1 for a `direction` that reaches from `start` to the light.
-    """
-    if not f.transparency:
-        blocked = occluded(geometry.accel[0], ray, words, start, direction, ZERO, t_far, SHADOW_RAY)
-        return (BLACK if blocked else (ONE, ONE, ONE)), 1
-    through, end = (ONE, ONE, ONE), add(start, direction)
-    for i in range(MAX_TRANSPARENT):
-        if not intersect(geometry.accel[0], ray, words, start, direction, ZERO, t_far, SHADOW_RAY):
-            return through, i + 1
-        p, _, ng, material, _ = find_surface(f, geometry, ray, words, negate(direction))
-        through = mul(through, material_color(geometry, material, TRANSPARENCY))
-        if is_black(through):
-            return through, i + 1
-        start = offset_origin(p, negate(ng))
-        if t_far < FAR:
-            direction = sub(end, start)
-    return BLACK, MAX_TRANSPARENT
-
-
-@device
-def past(t):
-    """A start for the rest of a ray that has met a lamp at t and goes on: the next floats, so that a surface right
-    behind the lamp is not passed over."""
-    return float_of(np.int32(bits_of(t) + np.int32(4)))
-
-
-@device
-def diffuse_part(kd):
-    """The diffuse lobe's share of a BRDF value."""
-    return scale(kd, INV_PI)
-
-
-@device
-def shadow_end(p, t):
-    """Where, as a part of its length t, a shadow ray from p ends."""
-    largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
-    return ONE - min(SHADOW_GAP + COORDINATE_GAP * largest / t, HALF)
-
-
-@device
-def direct_light(f, tables, ray, words, surface, p, start, n, ng, own, wo, key, order, dimension):
-    """(radiance towards wo by one light sample, rays traced).
-
-    start: where rays that leave p begin;  own: the emitter that p lies on, or -1
-    """
-    geometry = tables.geometry
-    u = sample_1d(tables.sampler, key, order, dimension + LIGHT_CHOICE)
-    u1, u2 = sample_2d(tables.sampler, key, order, dimension + LIGHT_POINT)
-    light = sample_light(f, geometry, tables.lights, tables.environment, tables.tree, p, n, own, u, u1, u2)
-    if not light.pdf > ZERO or is_black(light.radiance):
-        return BLACK, 0
-    value, pdf = evaluate(f.phong, f.hemisphere, surface, wo, light.wi, n, ng)
-    if is_black(value):
-        return BLACK, 0
-    if f.ray_kinds:
-        diffuse = diffuse_part(surface[0])
-        if not light.mask & GLOSSY_RAY:
-            value = diffuse
-        if not light.mask & DIFFUSE_RAY:
-            value = sub(value, diffuse) if light.mask & GLOSSY_RAY else BLACK
-    weight = dot(n, light.wi) / light.pdf
-    if f.shared_light and not light.alone:
-        weight *= power_heuristic(light.pdf, pdf)
-    contribution = scale(mul(value, light.radiance), weight)
-    if not light.shadowed or is_black(contribution):
-        return contribution, 0
-    # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
-    direction, t_far = light.wi, FAR
-    if light.t < FAR:
-        direction, t_far = sub(add_scaled(p, light.wi, light.t), start), shadow_end(p, light.t)
-    through, rays = transmittance(f, geometry, ray, words, start, direction, t_far)
-    return mul(contribution, through), rays
-
-
-@device
-def light_weight(f, pdf_bsdf, pdf_light):
-    """MIS weight of light that a ray met. pdf_bsdf <= 0 marks camera rays, with which no light sample competes."""
-    if pdf_bsdf <= ZERO or pdf_light <= ZERO:
-        return ONE
-    return power_heuristic(pdf_bsdf, pdf_light) if f.shared_light else ZERO
-
-
-@device
-def escaped(f, tables, wi, pdf_bsdf, mask, clear):
-    """Radiance of suns and, unless it is `clear`ed from the film, of the world for a ray that left along wi."""
-    radiance = BLACK
-    if f.world != DARK_WORLD and not clear:
-        seen, pdf = world_seen(f, tables.lights, tables.environment, wi, mask)
-        radiance = scale(seen, light_weight(f, pdf_bsdf, pdf)) if f.world == IMAGE_WORLD else seen
-    if f.sun_disks:
-        for i in range(len(tables.lights.suns)):
-            seen, pdf = sun_seen_pdf(f, tables.lights, i, wi, mask)
-            radiance = add(radiance, scale(seen, light_weight(f, pdf_bsdf, pdf)))
-    return radiance
-
-
-@device
-def is_lamp(f, geometry, words):
-    """Whether the hit is a lamp's shape and no surface."""
-    if f.instances and words[INST_ID] != INVALID:
-        return False
-    return geometry.kind[words[GEOM_ID]] >= LAMP_QUADS
-
-
-@device
-def lamp_of_hit(geometry, lights, words):
-    """The lamp whose shape was hit."""
-    prim, base = np.int64(words[PRIM_ID]), np.int64(geometry.base[words[GEOM_ID]])
-    if geometry.kind[words[GEOM_ID]] == LAMP_QUADS:
-        return lights.lamp_of_quad[base + prim // 2]
-    return lights.lamp_of_sphere[base + prim]
-
-
-@device
-def met_lamp(f, tables, ray, words, lamp, origin, p, n, wi, pdf_bsdf, mask):
-    """(radiance, MIS weight included, of the lamp whose shape a ray met, rays traced).
-
-    p, n: where the ray's direction was sampled, which is where the light sample would have been made.
-    """
-    geometry, lights = tables.geometry, tables.lights
-    t_hit, rays = ray[TFAR], 0
-    to_p = sub(p, add_scaled(origin, wi, t_hit))
-    if geometry.kind[words[GEOM_ID]] != LAMP_QUADS:
-        # Rays meet a sphere twice. The second time counts only for those that start inside.
-        leaves = wi[0] * ray[NORMAL] + wi[1] * ray[NORMAL + 1] + wi[2] * ray[NORMAL + 2] > ZERO
-        if leaves and not inside_lamp(lights.lamps, lamp, p):
-            return BLACK, rays
-    scattered = pdf_bsdf > ZERO
-    if scattered and not found_by_rays(f, lights, lamp, p):
-        return BLACK, rays
-    radiance, pdf = lamp_seen(f, lights, lamp, p, n, wi, length(to_p))
-    if is_black(radiance):
-        return BLACK, rays
-    if f.lamp_kinds & DISK and lights.lamp_kind[lamp] & DISK:
-        # Embree has no disk that turns towards a point, so what was met is the sphere around it.
-        rays = 1
-        t_disk = disk_distance(lights.lamps, lamp, p, wi) - (length(to_p) - t_hit)
-        if t_disk > t_hit and occluded(geometry.accel[0], ray, words, origin, wi, t_hit, t_disk, mask):
-            return BLACK, rays
-    if scattered:
-        pdf *= local_probability(f, tables.tree, lamp, p, n)
-    return scale(radiance, light_weight(f, pdf_bsdf, pdf)), rays
-
-
-@device
-def trace_path(f, tables, limits, ray, words, counters, pixel_x, pixel_y, pixel_hash, index):
+def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash, index):
     """Follow one path. Returns (radiance, alpha, rays traced)."""
-    geometry = tables.geometry
-    accel = geometry.accel[0]
     key, order = start_sample(pixel_hash, index)
-    u1, u2 = sample_2d(tables.sampler, key, order, PIXEL)
+    numbers = Numbers(key, order, FIRST_VERTEX)
+    state = hash32(key ^ hash32(np.uint32(index)))  # the key alone is that of all samples of the pixel
+    ray, stretch = _camera_ray(f, tables, numbers, pixel_x, pixel_y)
+    light, alpha, rays = Light(BLACK, WHITE, limits.clamp_direct), ONE, 0
+    bounces, passed, last = Bounces(0, 0, 0), 0, False
+    while True:
+        met, light, last_lamp, more = follow(f, tables, memory, ray, stretch, light)
+        rays += more
+        if not met:
+            if f.transparent_film and bounces.total == 0:
+                alpha = max(ONE - average(light.throughput), ZERO)
+            break
+        # What the ray met: emission, and perhaps it goes straight on.
+        hit = find_surface(f, tables.geometry, memory.floats, memory.words, negate(ray.wi))
+        p, _, ng, material, triangle = hit
+        found, own = emitted(f, tables, ray, p, material, triangle)
+        if not is_black(found):
+            light = gather(f, light, found)
+        numbers = Numbers(key, order, numbers.dimension + VERTEX_DECISIONS)
+        if f.transparency:
+            passes, factor = _pass(tables, numbers, material, last)
+            light = dimmed(light, factor)
+            if passes:
+                passed += 1
+                if passed > MAX_TRANSPARENT:
+                    break
+                stretch = Stretch(offset_origin(p, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR], last_lamp)
+                continue
+        if last or not _reflects(tables.geometry, material):
+            break
+        # A vertex: direct light, and a new direction.
+        vertex = _make_vertex(f, tables.geometry, hit, ray, own)
+        light = Light(light.radiance, light.throughput, _clamp_limit(limits, bounces.total + 1))
+        if samples_lights(f):
+            found, more = direct_light(f, tables, memory, vertex, numbers)
+            light = gather(f, light, found)
+            rays += more
+        ray, value, state = _scatter(f, tables, counters, vertex, numbers, state)
+        if not ray.pdf > ZERO:
+            break
+        light = dimmed(light, scale(value, dot(vertex.n, ray.wi) / ray.pdf))
+        if sees_shadows_light(f):
+            light, more = follow_as_shadow(f, tables, memory, ray, vertex.start, light)
+            rays += more
+        bounces = _counted(f, bounces, ray.kind)
+        last = _is_last(limits, bounces)
+        if last and not _last_ray_finds_light(f):
+            break
+        if bounces.total > 1:
+            survival = min(ONE, math.sqrt(ROULETTE_KEEP * max_component(light.throughput)))
+            if sample_1d(tables.sampler, key, order, numbers.dimension + ROULETTE) >= survival:
+                break
+            light = dimmed(light, scale(WHITE, ONE / survival))
+        stretch = Stretch(vertex.start, ZERO, FAR, NO_LAMP)
+    return light.radiance, alpha, rays
+
+
+@device
+def _camera_ray(f, tables, numbers, pixel_x, pixel_y):
+    """The path's first `Ray`, and the `Stretch` of it between the clip planes."""
+    u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, PIXEL)
     dx, dy = sample_filter(tables.filter_table, u1, u2)
     x = np.float32(pixel_x) + HALF + dx
     y = np.float32(pixel_y) + HALF + dy
     if f.lens:
-        u1, u2 = sample_2d(tables.sampler, key, order, LENS)
+        u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, LENS)
     origin, wi, t_near, t_far = generate_ray(tables.camera, f.orthographic, f.lens, x, y, u1, u2)
+    return Ray(origin, wi, wi, CAMERA_RAY, -ONE, False), Stretch(origin, t_near, t_far, NO_LAMP)
 
-    radiance, throughput = BLACK, (ONE, ONE, ONE)
-    mask, pdf_bsdf, from_p, from_n = CAMERA_RAY, -ONE, origin, wi
-    bounce, diffuse_bounces, glossy_bounces, passed = 0, 0, 0, 0
-    last, alpha, rays = False, ONE, 0
-    dimension, last_lamp = FIRST_VERTEX, np.int32(-1)
-    state = hash32(key ^ hash32(np.uint32(index)))  # the key alone is that of all samples of the pixel
 
-    while True:
-        limit = limits.clamp_direct if bounce <= 1 else limits.clamp_indirect
-        rays += 1
-        reach = mask | (mask << np.uint32(LAMP_SHIFT)) if f.lamp_shapes else mask
-        if not intersect(accel, ray, words, origin, wi, t_near, t_far, reach):
-            clear = f.transparent_film and bounce == 0
-            if clear:
-                alpha = max(ONE - average(throughput), ZERO)
-            if f.sun_disks or (f.world != DARK_WORLD and not clear):
-                seen = mul(throughput, escaped(f, tables, wi, pdf_bsdf, mask, clear))
-                radiance = add(radiance, clamped(f, seen, limit))
-            break
-        if f.lamp_shapes and is_lamp(f, geometry, words):
-            lamp = lamp_of_hit(geometry, tables.lights, words)
-            t_near = past(ray[TFAR])
-            # Far from the world's origin t is too coarse to leave a lamp behind: meeting it again counts for nothing.
-            if lamp != last_lamp:
-                last_lamp = lamp
-                seen, more = met_lamp(f, tables, ray, words, lamp, origin, from_p, from_n, wi, pdf_bsdf, mask)
-                radiance = add(radiance, clamped(f, mul(throughput, seen), limit))
-                rays += more
-            continue
+@device
+def _clamp_limit(limits, scatterings):
+    """Of light that is found after so many."""
+    return limits.clamp_direct if scatterings <= 1 else limits.clamp_indirect
 
-        wo = negate(wi)
-        t_hit = ray[TFAR]
-        p, n, ng, material, triangle = find_surface(f, geometry, ray, words, wo)
-        own = np.int32(-1)
-        if f.mesh_emitters:
-            seen = emission(geometry, material)
-            if not is_black(seen):
-                weight = ONE
-                own = tables.lights.triangle_emitter[triangle]
-                if pdf_bsdf > ZERO and own >= 0:
-                    t = length(sub(p, from_p))
-                    pdf = surface_seen_pdf(f, geometry, tables.lights, own, from_p, wi, t)
-                    pdf *= local_probability(f, tables.tree, own, from_p, from_n)
-                    weight = light_weight(f, pdf_bsdf, pdf)
-                radiance = add(radiance, clamped(f, scale(mul(throughput, seen), weight), limit))
-        dimension += VERTEX_DECISIONS
+
+@device
+def _pass(tables, numbers, material, last):
+    """(whether the path goes straight on through a surface, factor of its throughput, whichever it does)."""
+    geometry = tables.geometry
+    through = material_color(geometry, material, TRANSPARENCY)
+    if is_black(through):
+        return False, WHITE
+    share = average(through)
+    chance = ONE
+    if not last:
         kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
-        if f.transparency:
-            through = material_color(geometry, material, TRANSPARENCY)
-            if not is_black(through):
-                share = average(through)
-                chance = ONE if last else share / (share + average(kd) + average(ks))
-                if sample_1d(tables.sampler, key, order, dimension + PASS) < chance:
-                    throughput = scale(mul(throughput, through), ONE / chance)
-                    origin = offset_origin(p, negate(ng))
-                    t_near, t_far = ZERO, t_far - t_hit
-                    passed += 1
-                    if passed > MAX_TRANSPARENT:
-                        break
-                    continue
-                throughput = scale(throughput, ONE / (ONE - chance))
-        if last or is_black(add(kd, ks)):
-            break
+        chance = share / (share + average(kd) + average(ks))
+    if sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + PASS) < chance:
+        return True, scale(through, ONE / chance)
+    return False, scale(WHITE, ONE / (ONE - chance))
 
-        exponent = geometry.materials[material, EXPONENT] if f.phong else ZERO
-        cos_o = dot(n, wo)
-        # A probability of 0 switches the Phong lobe off: seen from behind its shading normal it has no mirror side.
-        chance = phong_probability(f.lobe_selection, kd, ks, exponent, cos_o) if f.phong and cos_o > ZERO else ZERO
-        surface = (kd, ks, exponent, chance)
-        start = offset_origin(p, ng)
-        if f.emitter_choice != NO_EMITTER or f.suns or f.world == IMAGE_WORLD:
-            lit, more = direct_light(f, tables, ray, words, surface, p, start, n, ng, own, wo, key, order, dimension)
-            limit = limits.clamp_direct if bounce == 0 else limits.clamp_indirect
-            radiance = add(radiance, clamped(f, mul(throughput, lit), limit))
-            rays += more
 
-        u = sample_1d(tables.sampler, key, order, dimension + LOBE) if f.phong else ZERO
-        u1, u2 = sample_2d(tables.sampler, key, order, dimension + DIRECTION)
-        wi, value, pdf_bsdf, _, state, draws = sample(f.phong, f.hemisphere, surface, wo, n, ng, u, u1, u2, state)
-        if f.hemisphere == REJECTION and draws:
-            counters[DRAWS] += draws
-            counters[DIRECTIONS] += 1
-        if not pdf_bsdf > ZERO or is_black(value):
-            break
-        bounce += 1
-        mask = DIFFUSE_RAY
-        if f.ray_kinds:
-            # The kind of the ray is drawn by the lobes' shares of the BRDF, whichever of them wi came from, so that
-            # each lobe sees exactly what rays of its kind see.
-            diffuse = diffuse_part(kd)
-            share = min(average(diffuse) / average(value), ONE)
-            if sample_1d(tables.sampler, key, order, dimension + KIND) < share:
-                value = scale(diffuse, ONE / share)
-                diffuse_bounces += 1
-            else:
-                value = scale(sub(value, diffuse), ONE / (ONE - share))
-                glossy_bounces += 1
-                mask = GLOSSY_RAY
-        throughput = mul(throughput, scale(value, dot(n, wi) / pdf_bsdf))
-        last = (
-            bounce > limits.max_bounces
-            or diffuse_bounces > limits.diffuse_bounces
-            or glossy_bounces > limits.glossy_bounces
-        )
-        if last and not (f.mesh_emitters or f.lamp_shapes or f.world != DARK_WORLD or f.sun_disks):
-            break
-        if bounce > 1:
-            survival = min(ONE, math.sqrt(ROULETTE_KEEP * max_component(throughput)))
-            if sample_1d(tables.sampler, key, order, dimension + ROULETTE) >= survival:
-                break
-            throughput = scale(throughput, ONE / survival)
-        origin, from_p, from_n = start, p, n
-        t_near, t_far, last_lamp = ZERO, FAR, np.int32(-1)
-    return radiance, alpha, rays
+@device
+def _reflects(geometry, material):
+    return not is_black(add(material_color(geometry, material, KD), material_color(geometry, material, KS)))
+
+
+@device
+def _make_vertex(f, geometry, hit, ray, own):
+    """The `Vertex` at a hit of `find_surface` on the emitter `own`, if it is not -1."""
+    p, n, ng, material, _ = hit
+    wo = negate(ray.wi)
+    kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
+    exponent = geometry.materials[material, EXPONENT] if f.phong else ZERO
+    cos_o = dot(n, wo)
+    # A probability of 0 switches the Phong lobe off: seen from behind its shading normal it has no mirror side.
+    chance = phong_probability(f.lobe_selection, kd, ks, exponent, cos_o) if f.phong and cos_o > ZERO else ZERO
+    return Vertex(p, n, ng, offset_origin(p, ng), wo, (kd, ks, exponent, chance), own)
+
+
+@device
+def _scatter(f, tables, counters, vertex, numbers, state):
+    """(new `Ray`, value of the BRDF, state of the generator). A pdf of 0: the path ends here."""
+    key, order, dimension = numbers.key, numbers.order, numbers.dimension
+    u = sample_1d(tables.sampler, key, order, dimension + LOBE) if f.phong else ZERO
+    u1, u2 = sample_2d(tables.sampler, key, order, dimension + DIRECTION)
+    wi, value, pdf, _, state, draws = sample(
+        f.phong, f.hemisphere, vertex.surface, vertex.wo, vertex.n, vertex.ng, u, u1, u2, state
+    )
+    if f.hemisphere == REJECTION and draws:
+        counters[DRAWS] += draws
+        counters[DIRECTIONS] += 1
+    if not pdf > ZERO or is_black(value):
+        return Ray(vertex.p, vertex.n, wi, DIFFUSE_RAY, ZERO, False), BLACK, state
+    kind = DIFFUSE_RAY
+    if f.ray_kinds:
+        # The kind of the ray is drawn by the lobes' shares of the BRDF, whichever of them wi came from, so that each
+        # lobe sees exactly what rays of its kind see.
+        diffuse = diffuse_f(vertex.surface[0])
+        share = min(average(diffuse) / average(value), ONE)
+        if sample_1d(tables.sampler, key, order, dimension + KIND) < share:
+            value = scale(diffuse, ONE / share)
+        else:
+            value = scale(sub(value, diffuse), ONE / (ONE - share))
+            kind = GLOSSY_RAY
+    return Ray(vertex.p, vertex.n, wi, kind, pdf, False), value, state
+
+
+@device
+def _counted(f, bounces, kind):
+    """`bounces` after one more, of this kind."""
+    if not f.ray_kinds:
+        return Bounces(bounces.total + 1, 0, 0)
+    glossy = 1 if kind == GLOSSY_RAY else 0
+    return Bounces(bounces.total + 1, bounces.diffuse + 1 - glossy, bounces.glossy + glossy)
+
+
+@device
+def _is_last(limits, bounces):
+    """Whether the next ray only sees emission."""
+    return (
+        bounces.total > limits.max_bounces
+        or bounces.diffuse > limits.diffuse_bounces
+        or bounces.glossy > limits.glossy_bounces
+    )
+
+
+@device
+def _last_ray_finds_light(f):
+    """Whether there is emission that a path's last ray may count."""
+    if not f.shared_light:
+        return f.world == CONSTANT_WORLD
+    return f.mesh_emitters or f.lamp_shapes or f.world != DARK_WORLD or f.sun_disks
 
 
 def make_tile_kernel(features: Features):
@@ -432,7 +261,7 @@ def make_tile_kernel(features: Features):
         picture's pixel `origin`. half and active are `engine/adaptive.py`'s, one pixel large where it is off.
         counters[REJECTED] counts samples that are not finite and were left out. halt[0]
         ends the work before the next pixel. Returns the number of rays traced."""
-        words = ray.view(np.uint32)
+        memory = RayMemory(ray, ray.view(np.uint32))
         adaptive = active.size > 1
         rays = 0
         for y in range(tile[1], tile[3]):
@@ -446,7 +275,7 @@ def make_tile_kernel(features: Features):
                 red, green, blue, cover = ZERO, ZERO, ZERO, ZERO
                 for index in range(first_sample, first_sample + sample_count):
                     radiance, alpha, traced = trace_path(
-                        features, tables, limits, ray, words, counters, x, y, pixel_hash, index
+                        features, tables, limits, memory, counters, x, y, pixel_hash, index
                     )
                     rays += traced
                     if not is_finite(radiance[0] + radiance[1] + radiance[2]):

@@ -18,6 +18,7 @@ BAKED_MESH, INSTANCED_MESH, LAMP_QUADS, LAMP_SPHERES = 0, 1, 2, 3
 KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = 0, 3, 6, 7, 10, 16
 
 # Words of a lamp. RADIANCE holds W/sr where the lamp is a point. SIZE: half the lengths along x and y, or the radius.
+# TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that give the place from the middle in half lengths.
 POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = 0, 3, 6, 9, 12, 15
 TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = (
     17,
@@ -29,9 +30,24 @@ TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, 
     31,
     32,
 )
+AREA = SPOT_COS  # of area lamps, m2
 
-# Words of a sun. AXIS points from the scene to the sun. ONE_MINUS_COS of the half angle; 0: a direction.
-SUN_AXIS, SUN_RADIANCE, SUN_ONE_MINUS_COS, SUN_UNSHADOWED, SUN_MASK, SUN_WORDS = 0, 3, 6, 7, 8, 12
+# Words of a sun. AXIS points from the scene to the sun. ONE_MINUS_COS, COS and SIN of the half angle; 0: a direction.
+# IRRADIANCE: the luminance, on a plane that faces it; 0 if only the camera sees it.
+SUN_AXIS, SUN_RADIANCE, SUN_ONE_MINUS_COS, SUN_UNSHADOWED, SUN_MASK, SUN_IRRADIANCE, SUN_COS, SUN_SIN, SUN_WORDS = (
+    0,
+    3,
+    6,
+    7,
+    8,
+    9,
+    10,
+    11,
+    12,
+)
+
+# Words of the world. IRRADIANCE: the four numbers of `environment_irradiance`, with the normal in world space.
+WORLD_COLOR, WORLD_MASK, WORLD_IRRADIANCE, WORLD_WORDS = 0, 3, 4, 8
 
 
 class Geometry(NamedTuple):
@@ -73,13 +89,14 @@ class Lights(NamedTuple):
     lamps             (L, 32) float32
     lamp_kind         (L,) int32
     lamp_of_quad, lamp_of_sphere  int32: lamp of each lamp geometry's primitive
+    lamp_twin         (L,) int32, the next lamp with the same shape at the same place, -1: none. Rays meet the first
     emitter_triangle  (E,) uint32, triangle of emitter L + i
     triangle_emitter  (T,) int32, emitter of a triangle, -1: none
     emitter_mask      (E,) uint8, visibility of emitter L + i
     emitter_rectangle (E, 9) float32, corner and two edges of an emitter that is a rectangle, else zeros; no rows if
                       there is none
     suns              (S, 12) float32
-    world             (4,) float32: constant radiance, and the visibility bits as a number
+    world             (8,) float32
     world_rotation    (3, 3) float32, world to environment
     """
 
@@ -87,6 +104,7 @@ class Lights(NamedTuple):
     lamp_kind: np.ndarray
     lamp_of_quad: np.ndarray
     lamp_of_sphere: np.ndarray
+    lamp_twin: np.ndarray
     emitter_triangle: np.ndarray
     triangle_emitter: np.ndarray
     emitter_mask: np.ndarray

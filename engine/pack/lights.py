@@ -22,18 +22,22 @@ from ..features import (
     SPOT,
 )
 from ..kernels import tables as t
-from ..kernels.light.environment import build_environment
+from ..kernels.geom.vec import LUMINANCE
+from ..kernels.light.environment import EnvironmentTable, build_environment, environment_irradiance
 from ..lighttree import build_light_tree
 from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SpotLight, SunLight, Visibility, World
 from ..validate import SMALLEST_SIZE
-from .geometry import PackedGeometry, own
+from .geometry import VERTEX_PADDING, PackedGeometry, own
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SCATTERED_RAYS = Visibility.DIFFUSE | Visibility.GLOSSY
 RAYS_THAT_SEE = Visibility.CAMERA | SCATTERED_RAYS
 # Below this half spread, 1 / (tan h - h) cancels in float64: its series is 3 / h^3. Its cube must fit float32.
 SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
+# Of a sun or the world, in W/m2: sums stay finite.
+LARGEST_IMPORTANCE = 1e30
+# Lamps coincide if their shapes do up to this power of two of their largest coordinate.
+COINCIDENT_BITS = 18
 # How far, in parts of its size, two triangles may be off a rectangle and still be sampled as one.
 RECTANGLE_TOLERANCE = 1e-5
 
@@ -80,21 +84,25 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
 
     emitter_triangle, rectangles, triangle_emitter, mesh_emitters = _mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
-    shapes, shape_kind, shape_base, of_quad, of_sphere = _lamp_shapes(local, kinds, rows, geometry)
+    twin, is_first, masks = _coincident(local, kinds, rows)
+    shapes, shape_kind, shape_base, of_quad, of_sphere = _lamp_shapes(kinds, rows, np.where(is_first, masks, 0))
     emitters = _join_emitters(_lamp_emitters(local, kinds, rows), mesh_emitters)
     count = len(emitters.power)
     world_kind = _world_kind(scene.world)
+    environment = build_environment(_world_image(scene.world, world_kind))
+    groups = int(count > 0) + int(bool(suns)) + int(world_kind == IMAGE_WORLD)
     tables = t.Lights(
         lamps=rows,
         lamp_kind=kinds,
         lamp_of_quad=of_quad,
         lamp_of_sphere=of_sphere,
+        lamp_twin=twin,
         emitter_triangle=emitter_triangle,
         triangle_emitter=triangle_emitter,
         emitter_mask=emitter_mask,
         emitter_rectangle=rectangles,
         suns=np.array([_pack_sun(sun) for sun in suns], np.float32).reshape(-1, t.SUN_WORDS),
-        world=np.array([*scene.world.color, float(int(scene.world.visibility))], np.float32),
+        world=_pack_world(scene.world, environment),
         world_rotation=own(scene.world.rotation, np.float32),
     )
     features = {
@@ -103,7 +111,7 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         "lamp_kinds": int(np.bitwise_or.reduce(kinds)) if len(kinds) else 0,
         "lamp_shapes": int(bool(shapes)),
         "unshadowed": int(any(not light.cast_shadow for light in lit)),
-        "emitter_choice": NO_EMITTER if count == 0 else ONE_EMITTER if count == 1 else EMITTER_TREE,
+        "emitter_choice": NO_EMITTER if count == 0 else ONE_EMITTER if count == groups == 1 else EMITTER_TREE,
         "ray_kinds": int(_kinds_differ(scene)),
         "suns": int(bool(suns)),
         "sun_disks": int(any(sun.angle >= SMALLEST_SIZE for sun in suns)),
@@ -111,8 +119,8 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     }
     return PackedLights(
         tables=tables,
-        tree=_tree(emitters),
-        environment=build_environment(_world_image(scene.world, world_kind)),
+        tree=_tree(emitters, groups),
+        environment=environment,
         shapes=shapes,
         shape_kind=shape_kind,
         shape_base=shape_base,
@@ -183,13 +191,21 @@ def _pack_point(row: np.ndarray, light: PointLight) -> int:
 
 
 def _pack_area(row: np.ndarray, light: AreaLight) -> int:
-    """Rectangle and ellipse lamps. Returns the kind. Axes keep the shear of the transform, as Cycles' do."""
+    """Rectangle and ellipse lamps. Returns the kind.
+
+    The lamp is the image of the square or disk under its matrix, shear and all: it lies in the plane of the two axes
+    and shines to the side where the local -z points. Cycles takes the axes likewise, but the -z column itself for the
+    normal, which under a shear is none.
+    """
     matrix = np.asarray(light.transform, np.float64)
     x, y = matrix[:, 0] * light.size_x, matrix[:, 1] * light.size_y
     row[t.POSITION : t.POSITION + 3] = matrix[:, 3]
     row[t.AXIS_X : t.AXIS_X + 3] = _unit(x)
     row[t.AXIS_Y : t.AXIS_Y + 3] = _unit(y)
-    row[t.AXIS : t.AXIS + 3] = -_unit(matrix[:, 2])
+    across = np.cross(x, y)
+    row[t.AXIS : t.AXIS + 3] = _unit(-across if across @ matrix[:, 2] >= 0 else across)
+    row[t.AREA] = np.linalg.norm(across) * (np.pi / 4 if light.ellipse else 1)
+    row[t.TO_LOCAL : t.TO_LOCAL + 6] = np.linalg.pinv(np.column_stack([x / 2, y / 2])).ravel()
     row[t.RADIANCE : t.RADIANCE + 3] = light.radiance
     row[t.SIZE], row[t.SIZE + 1] = np.linalg.norm(x) / 2, np.linalg.norm(y) / 2
     half = light.spread / 2
@@ -205,40 +221,77 @@ def _pack_sun(light: SunLight) -> np.ndarray:
     row[t.SUN_UNSHADOWED] = float(not light.cast_shadow)
     row[t.SUN_MASK] = float(int(light.visibility & RAYS_THAT_SEE))
     irradiance = np.asarray(light.irradiance, np.float64)
+    if light.visibility & SCATTERED_RAYS:
+        row[t.SUN_IRRADIANCE] = min(irradiance @ LUMINANCE, LARGEST_IMPORTANCE)
+    row[t.SUN_COS] = 1
     half = light.angle / 2
     if light.angle >= SMALLEST_SIZE:
         row[t.SUN_RADIANCE : t.SUN_RADIANCE + 3] = irradiance / (np.pi * np.sin(half) ** 2)
         row[t.SUN_ONE_MINUS_COS] = 2 * np.sin(half / 2) ** 2
+        row[t.SUN_COS], row[t.SUN_SIN] = np.cos(half), np.sin(half)
     else:
         row[t.SUN_RADIANCE : t.SUN_RADIANCE + 3] = irradiance
     return row
 
 
-def _lamp_shapes(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray, geometry: PackedGeometry):
-    """Embree geometries of the lamps that some ray can meet, by visibility.
+def _pack_world(world: World, environment: EnvironmentTable) -> np.ndarray:
+    row = np.zeros(t.WORLD_WORDS, np.float32)
+    row[t.WORLD_COLOR : t.WORLD_COLOR + 3] = world.color
+    row[t.WORLD_MASK] = float(int(world.visibility))
+    if world.visibility & SCATTERED_RAYS:
+        irradiance = environment_irradiance(environment) * (np.asarray(world.color) @ LUMINANCE)
+        irradiance[1:] = irradiance[1:] @ np.asarray(world.rotation, np.float64)
+        row[t.WORLD_IRRADIANCE : t.WORLD_IRRADIANCE + 4] = np.clip(irradiance, -LARGEST_IMPORTANCE, LARGEST_IMPORTANCE)
+    return row
 
-    Returns (shapes, kind of each, base of each, lamp of each quad, lamp of each sphere). Vertices and triangles of
-    the quads are appended to the geometry's buffers.
+
+def _coincident(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lamps with the same shape at the same place, as copies of a lamp or two back to back: a ray meets only one.
+
+    Returns (the next such lamp of each, -1: none; whether it is the first; the visibility of all of them).
+    """
+    twin, is_first = np.full(len(local), -1, np.int32), np.ones(len(local), np.bool_)
+    masks = np.array([int(light.visibility & RAYS_THAT_SEE) for light in local], np.int64)
+    last: dict[tuple, tuple[int, int]] = {}
+    for i, row in enumerate(rows):
+        if kinds[i] & POINT:
+            continue
+        place = _place(kinds[i], row)
+        first, previous = last.get(place, (i, -1))
+        if previous >= 0:
+            twin[previous], is_first[i] = i, False
+            masks[first] |= masks[i]
+        last[place] = first, i
+    return twin, is_first, masks
+
+
+def _place(kind: int, row: np.ndarray) -> tuple:
+    """The lamp's shape, the same for lamps that only rounding tells apart."""
+    flat = bool(kind & (RECTANGLE | ELLIPSE))
+    points = _corners(row) if flat else np.array([[*row[t.POSITION : t.POSITION + 3], row[t.SIZE]]], np.float64)
+    # A power of two: so round numbers lie in the middle of what is rounded to them.
+    step = 2.0 ** np.floor(np.log2(max(np.abs(points).max() * 1.001, 1e-30)) - COINCIDENT_BITS)
+    return flat, step, *sorted(tuple(p) for p in np.round(points / step).astype(np.int64).tolist())
+
+
+def _lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
+    """Embree geometries of the lamps that some ray can meet, by visibility (0: no ray meets it).
+
+    Returns (shapes, kind of each, base of each, lamp of each quad, lamp of each sphere).
     """
     shapes: list[TriangleGeometry | SphereGeometry] = []
     shape_kind: list[int] = []
     shape_base: list[int] = []
     of_quad: list[int] = []
     of_sphere: list[int] = []
-    masks = np.array([int(light.visibility & RAYS_THAT_SEE) for light in local], np.int64)
-    corners: list[np.ndarray] = []
-    first_triangle = len(geometry.tables.triangles)
     for mask in np.unique(masks[masks > 0]):
         quads = np.flatnonzero((masks == mask) & ((kinds & (RECTANGLE | ELLIPSE)) != 0))
         quads = quads[np.all(rows[quads, t.SIZE : t.SIZE + 2] > 0, axis=1)]
         if len(quads):
-            shapes.append(
-                TriangleGeometry(first_triangle + 2 * len(of_quad), 2 * len(quads), int(mask) << t.LAMP_SHIFT)
-            )
+            shapes.append(_quads(np.array([_corners(rows[i]) for i in quads]), int(mask) << t.LAMP_SHIFT))
             shape_kind.append(t.LAMP_QUADS)
             shape_base.append(len(of_quad))
             of_quad.extend(quads)
-            corners.extend(_corners(rows[i]) for i in quads)
         spheres = np.flatnonzero((masks == mask) & ((kinds & (SPHERE | DISK)) != 0))
         if len(spheres):
             points = np.ascontiguousarray(rows[spheres][:, [t.POSITION, t.POSITION + 1, t.POSITION + 2, t.SIZE]])
@@ -246,8 +299,6 @@ def _lamp_shapes(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray, geometr
             shape_kind.append(t.LAMP_SPHERES)
             shape_base.append(len(of_sphere))
             of_sphere.extend(spheres)
-    if corners:
-        _append_quads(geometry, np.array(corners, np.float32))
     return shapes, shape_kind, shape_base, np.array(of_quad, np.int32), np.array(of_sphere, np.int32)
 
 
@@ -258,14 +309,12 @@ def _corners(row: np.ndarray) -> np.ndarray:
     return np.array([center - x - y, center + x - y, center + x + y, center - x + y])
 
 
-def _append_quads(geometry: PackedGeometry, corners: np.ndarray) -> None:
-    """corners (Q, 4, 3): two triangles each, at the end of the shared buffers."""
-    old = geometry.tables
-    count = len(old.vertices) - 2  # without the padding
-    vertices = np.concatenate([old.vertices[:count], corners.reshape(-1, 3), np.zeros((2, 3), np.float32)])
-    first = count + 4 * np.arange(len(corners))[:, None, None]
-    quads = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3).astype(np.uint32)
-    geometry.tables = old._replace(vertices=vertices, triangles=np.concatenate([old.triangles, quads]))
+def _quads(corners: np.ndarray, mask: int) -> TriangleGeometry:
+    """corners (Q, 4, 3): two triangles each."""
+    vertices = np.zeros((4 * len(corners) + VERTEX_PADDING, 3), np.float32)
+    vertices[:-VERTEX_PADDING] = corners.reshape(-1, 3)
+    first = 4 * np.arange(len(corners))[:, None, None]
+    return TriangleGeometry(vertices, (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3).astype(np.uint32), mask)
 
 
 def _mesh_emitters(packed: PackedGeometry, lamp_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Emitters]:
@@ -350,9 +399,8 @@ def _lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Em
         if kinds[i] & (RECTANGLE | ELLIPSE):
             corners = _corners(row)
             low, high = corners.min(axis=0), corners.max(axis=0)
-            area = 4 * row[t.SIZE] * row[t.SIZE + 1] * (np.pi / 4 if kinds[i] & ELLIPSE else 1)
             out.theta_e[i] = light.spread / 2 if isinstance(light, AreaLight) else np.pi / 2
-            out.power[i] = radiance * area * max(float(row[t.TAN_SPREAD] * row[t.SPREAD_NORM]), 1.0)
+            out.power[i] = radiance * float(row[t.AREA]) * max(float(row[t.TAN_SPREAD] * row[t.SPREAD_NORM]), 1.0)
         else:
             radius = float(row[t.SIZE])
             low, high = center - radius, center + radius
@@ -367,17 +415,28 @@ def _lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Em
 
 
 def _spot_reach(light: SpotLight) -> float:
-    """The widest angle off the axis at which the cone shines, in world space, where scale may have bent it."""
+    """No less than the widest angle off the axis at which the cone shines, in world space, where scale and shear may
+    have bent it.
+
+    A direction of the cone's rim is M (z + e tan(half angle)) with a unit e across z: its part across the axis is at
+    most the largest singular value of M's x and y columns without their parts along the axis, times the tangent; its
+    part along the axis is the length of M z, less at most those parts.
+    """
     matrix = np.asarray(light.transform, np.float64)[:, :3]
-    x, y, z = (np.linalg.norm(matrix[:, i]) for i in range(3))
-    if z <= 0:
-        return np.pi / 2
-    return float(np.arctan(np.tan(min(light.half_angle, np.pi / 2 - 1e-6)) * max(x, y) / z))
+    if np.linalg.matrix_rank(matrix) < 3:
+        return np.pi
+    length = float(np.linalg.norm(matrix[:, 2]))
+    axis, across = matrix[:, 2] / length, matrix[:, :2]
+    along = axis @ across
+    widest = np.linalg.norm(across - axis[:, None] * along, 2)
+    tangent = np.tan(min(light.half_angle, np.pi / 2 - 1e-6))
+    least = length - tangent * float(np.linalg.norm(along))
+    return float(np.arctan(tangent * widest / least)) if least > 0 else np.pi
 
 
-def _tree(e: Emitters) -> tuple:
-    """A single emitter needs no tree; an empty one has the same type."""
-    used = slice(None) if len(e.power) > 1 else slice(0, 0)
+def _tree(e: Emitters, groups: int) -> tuple:
+    """A single emitter needs no tree where there is nothing else to choose; an empty one has the same type."""
+    used = slice(None) if len(e.power) > 1 or groups > 1 else slice(0, 0)
     return build_light_tree(
         e.bounds[used], e.axis[used], e.theta_o[used], e.theta_e[used], e.power[used], e.two_sided[used]
     )

@@ -15,10 +15,13 @@ Kinds of rays.  A ray is a camera, a diffuse or a glossy one. After a direction 
     the kind is drawn in proportion to the two lobes' shares of f: the picture then does not depend on how directions
     were drawn. An object is met by the kinds of ray that its visibility names. A lamp or an emitting surface that is
     hidden from diffuse (glossy) rays gives no light to the diffuse (Phong) lobe.
-Lamps.  They are seen but are no obstacles. A lamp that casts no shadow, or any emitter if objects differ in what
-    shadow rays and other rays see of them, is found by light sampling alone: two ways that do not see the same
-    things cannot share. A world of one colour is then found by BSDF sampling alone, which is how it is best found,
-    and so shadow rays take nothing from it. Both as in Cycles, confirmed with renders.
+Lamps.  They are seen but are no obstacles. A lamp that casts no shadow is found by light sampling alone: two ways that
+    do not see the same things cannot share.
+Shadow rays.  Direct light is what they let through. Where objects differ in what shadow rays and other rays see of
+    them, a path's own rays therefore count no light that light sampling finds. In their place a second ray goes the
+    same way, sees what shadow rays see and takes part in direct light only; an emissive surface that is hidden from
+    it is found by light sampling alone. A world of one colour is then found by the path's own rays alone, and so
+    shadow rays take nothing from it, as in Cycles, confirmed with renders.
 Transparency.  A path goes straight on with a certain probability, and this is no bounce; shadow rays are dimmed.
 Clamping.  A contribution counts as direct if it is found after at most one scattering, as in Cycles.
 """
@@ -26,7 +29,7 @@ Clamping.  A contribution counts as direct if it is found after at most one scat
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -37,7 +40,7 @@ from .geometry import Geometry, Surface
 from .lights import ConstantWorld, Drawn, Emitter, MeshLight, make_lamp, make_world
 from .vectors import dot
 
-CAMERA, DIFFUSE, GLOSSY = (int(v) for v in (Visibility.CAMERA, Visibility.DIFFUSE, Visibility.GLOSSY))
+CAMERA, DIFFUSE, GLOSSY, SHADOW = (int(v) for v in Visibility.ALL)
 
 
 @dataclass
@@ -53,6 +56,7 @@ class Paths:
     beta            (n, 3) what arrives at the camera of a unit of radiance that the ray finds
     pdf             (n,) density with which the direction was drawn; infinite for camera rays
     bounces, diffuse, glossy  (n,) scatterings so far
+    as_shadow       they see what shadow rays see, and find only what light sampling finds too
     """
 
     sample: np.ndarray
@@ -67,6 +71,7 @@ class Paths:
     bounces: np.ndarray
     diffuse: np.ndarray
     glossy: np.ndarray
+    as_shadow: np.ndarray
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -140,6 +145,7 @@ class Integrator:
             bounces=zero,
             diffuse=zero,
             glossy=zero,
+            as_shadow=np.zeros(n, bool),
         )
         while len(paths):
             if stop():
@@ -160,8 +166,9 @@ class Integrator:
 
     def _intersect(self, paths: Paths) -> tuple[np.ndarray, np.ndarray]:
         triangle, uv = np.full(len(paths), -1), np.zeros((len(paths), 2))
-        for kind in (Visibility.CAMERA, Visibility.DIFFUSE, Visibility.GLOSSY):
-            now = paths.kind == kind
+        sight = np.where(paths.as_shadow, SHADOW, paths.kind)
+        for kind in Visibility.ALL:
+            now = sight == kind
             triangle[now], uv[now] = self.geometry.intersect(
                 kind, paths.start[now], paths.direction[now], paths.limit[now]
             )
@@ -197,16 +204,44 @@ class Integrator:
         distance = dot(surface.point - paths.origin, paths.direction)
         density = self.mesh_light.density(surface.triangle, distance, paths.direction)
         weight = self._found_by_ray(paths, self._chance(self.mesh_light) * density)
+        # A path's own ray meets what it sees; one that sees as shadow rays do may meet what rays of its kind don't.
+        weight *= (self.geometry.visibility[surface.triangle] & paths.kind) != 0
         self._add(paths.sample, paths.beta * emission * weight[:, None], paths.bounces - 1)
 
     def _found_by_ray(self, paths: Paths, pdf_light: np.ndarray, cast_shadow: bool = True) -> np.ndarray:
-        """Weight of light that a ray of known density ran into and that light sampling finds as well."""
-        if self.share_light and cast_shadow:
-            return power_heuristic(paths.pdf, pdf_light)
-        return (np.isinf(paths.pdf) | (pdf_light == 0)).astype(np.float64)
+        """Weight of light that a ray of known density ran into, where light sampling finds it with `pdf_light`."""
+        alone = np.isinf(paths.pdf) | (pdf_light == 0)
+        shared = paths.as_shadow | self.share_light if cast_shadow else np.zeros(len(paths), bool)
+        return np.where(alone, ~paths.as_shadow, np.where(shared, power_heuristic(paths.pdf, pdf_light), 0))
+
+    def _found_by_light_sampling(
+        self, emitter: Emitter, seen: np.ndarray, pdf_light: np.ndarray, pdf_lobes: np.ndarray
+    ) -> np.ndarray:
+        """Weight of a light sample of known density, where BSDF sampling finds it with `pdf_lobes`.
+
+        seen  (n,) the emitter's visibility
+        """
+        alone = np.full(len(pdf_light), emitter.delta or not emitter.cast_shadow)
+        if emitter is self.mesh_light and not self.share_light:
+            alone |= (seen & SHADOW) == 0
+        return np.where(alone, 1, power_heuristic(pdf_light, pdf_lobes))
 
     def _chance(self, emitter: Emitter) -> float:
         return self._chance_of.get(id(emitter), 0.0)
+
+    def _see_as_shadow(self, paths: Paths) -> None:
+        """The light that both light sampling and these scattered rays find, through what shadow rays see."""
+        paths = replace(paths, as_shadow=np.ones(len(paths), bool))
+        while len(paths):
+            triangle, uv = self._intersect(paths)
+            self._see_lamps(paths, triangle, uv)
+            hit = triangle >= 0
+            paths, triangle, uv = paths[hit], triangle[hit], uv[hit]
+            surface = self.geometry.surface(triangle, uv, -paths.direction)
+            self._see_emission(paths, surface)
+            paths = _behind(paths, surface)
+            paths.beta = paths.beta * self.transparency[self.geometry.material[triangle]]
+            paths = paths[paths.beta.any(axis=1)]
 
     # What happens at a surface
 
@@ -224,10 +259,7 @@ class Integrator:
         p_pass = np.divide(through, total, out=np.zeros_like(total), where=total > 0)
 
         passes = rng.random(len(paths)) < p_pass
-        onward = paths[passes]
-        behind = surface.point[passes] - surface.flat[passes] * surface.offset[passes, None]
-        onward.limit = onward.limit - dot(behind - onward.start, onward.direction)
-        onward.start = behind
+        onward = _behind(paths[passes], _select(surface, passes))
         onward.beta = onward.beta * transparency[passes] / p_pass[passes, None]
         onward = onward[onward.limit > 0]
 
@@ -244,8 +276,10 @@ class Integrator:
         )
         here, points = paths[lit], _select(surface, lit)
         self._direct_light(here, points, lobes, 1 - p_pass[lit], rng)
-        scattered = self._scatter(here, points, lobes, 1 - p_pass[lit], rng)
-        return join([self._roulette(scattered[~passes[lit]], rng), onward])
+        scattered = self._scatter(here, points, lobes, 1 - p_pass[lit], rng)[~passes[lit]]
+        if not self.share_light:
+            self._see_as_shadow(scattered)
+        return join([self._roulette(scattered, rng), onward])
 
     def _direct_light(
         self, paths: Paths, surface: Surface, lobes: bsdf.Lobes, p_scatter: np.ndarray, rng: np.random.Generator
@@ -269,9 +303,7 @@ class Integrator:
             f_diffuse, f_phong, pdf_lobes = bsdf.evaluate(_select(lobes, now), -here.direction, wi)
             f = f_diffuse * _has(seen, DIFFUSE) + f_phong * _has(seen, GLOSSY)
 
-            weight = np.ones(len(now))
-            if self.share_light and emitter.cast_shadow and not emitter.delta:
-                weight = power_heuristic(pdf_light, pdf_lobes * p_scatter[now])
+            weight = self._found_by_light_sampling(emitter, seen, pdf_light, pdf_lobes * p_scatter[now])
             usable = pdf_light > 0
             scale = np.where(usable, weight * np.maximum(dot(at.normal, wi), 0) / np.where(usable, pdf_light, 1), 0)
             light = here.beta * f * radiance * scale[:, None]
@@ -323,6 +355,7 @@ class Integrator:
             bounces=paths.bounces + 1,
             diffuse=paths.diffuse + diffuse,
             glossy=paths.glossy + ~diffuse,
+            as_shadow=paths.as_shadow,
         )
 
     def _roulette(self, paths: Paths, rng: np.random.Generator) -> Paths:
@@ -351,6 +384,12 @@ def power_heuristic(pdf: np.ndarray, other: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         weight = 1 / (1 + (other / pdf) ** 2)
     return np.where(pdf > 0, np.where(np.isinf(pdf), 1, weight), 0)
+
+
+def _behind(paths: Paths, surface: Surface) -> Paths:
+    """The rays where they leave the other side of the surfaces that they met."""
+    start = surface.point - surface.flat * surface.offset[:, None]
+    return replace(paths, start=start, limit=paths.limit - dot(start - paths.start, paths.direction))
 
 
 def _has(visibility: np.ndarray, kind: int) -> np.ndarray:

@@ -136,6 +136,7 @@ class Area(Lit):
         self.ellipse, self.spread = lamp.ellipse, lamp.spread
         across = np.cross(self.x, self.y)
         self.area = float(np.linalg.norm(across)) * (np.pi if lamp.ellipse else 4)
+        self.to_local = np.linalg.pinv(np.column_stack([self.x, self.y]))
         # Light leaves along local -z, also if the lamp is mirrored.
         self.beam = unit(-across if np.linalg.det(self.axes) >= 0 else across)
         self.radiance = np.array(lamp.radiance, np.float64)
@@ -150,8 +151,7 @@ class Area(Lit):
         towards = (cosine > 0) & (self.area > 0)
         distance = np.where(towards, ((self.position - point) @ -self.beam) / np.where(towards, cosine, 1), -1)
         inplane = point + wi * distance[:, None] - self.position
-        x = inplane @ self.x / max(self.x @ self.x, 1e-300)
-        y = inplane @ self.y / max(self.y @ self.y, 1e-300)
+        x, y = self.to_local @ inplane.T
         # The rim is widened by a rounding error: a direction that was drawn on it must meet it again.
         rim = 1 + 1e-9
         within = x * x + y * y <= rim if self.ellipse else (np.abs(x) <= rim) & (np.abs(y) <= rim)
@@ -245,14 +245,14 @@ class ImageWorld(Emitter):
         row, column = np.divmod(np.minimum(pixel, self.share.size - 1), width)
         u = (column + rng.random(len(point))) / width
         v = (row + rng.random(len(point))) / height
-        phi, theta = (2 * u - 1) * np.pi, v * np.pi
-        local = np.column_stack([-np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), -np.cos(theta)])
+        phi, theta = (1 - 2 * u) * np.pi, v * np.pi
+        local = np.column_stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), -np.cos(theta)])
         return local @ self.rotation
 
     def meet(self, point: np.ndarray, normal: np.ndarray, wi: np.ndarray) -> Seen:
         local = wi @ self.rotation.T
         height, width = self.share.shape
-        u = (np.arctan2(local[:, 1], -local[:, 0]) / np.pi + 1) / 2
+        u = (1 - np.arctan2(local[:, 1], local[:, 0]) / np.pi) / 2
         v = np.arccos(np.clip(-local[:, 2], -1, 1)) / np.pi
         column = np.minimum((u * width).astype(int), width - 1)
         row = np.minimum((v * height).astype(int), height - 1)

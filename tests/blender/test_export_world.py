@@ -64,7 +64,7 @@ def radiance(world, d: np.ndarray) -> np.ndarray:
         return np.broadcast_to(world.color, d.shape)
     d = d @ world.rotation.T
     rows, columns, _ = world.image.shape
-    x = (np.arctan2(d[..., 1], -d[..., 0]) / np.pi + 1) / 2 * columns - 0.5
+    x = (1 - np.arctan2(d[..., 1], d[..., 0]) / np.pi) / 2 * columns - 0.5
     y = np.arccos(np.clip(-d[..., 2], -1, 1)) / np.pi * rows - 0.5
     x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
     fx, fy = (x - x0)[..., None], (y - y0)[..., None]

@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from light_checks import assert_float32, assert_frequencies, from_python, vec
 
+from engine.kernels.geom.vec import LUMINANCE
 from engine.kernels.jit import kernel
 from engine.kernels.light.environment import (
     build_environment,
+    environment_irradiance,
     environment_lookup,
-    environment_pdf,
-    environment_radiance,
-    mean_radiance,
     sample_environment,
 )
 
 call_sample_environment = from_python(sample_environment)
-call_environment_pdf = from_python(environment_pdf)
-call_environment_radiance = from_python(environment_radiance)
+call_environment_lookup = from_python(environment_lookup)
 
 
 @kernel
@@ -78,11 +76,11 @@ def samples(table, u: np.ndarray):
 def direction_of(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Inverse of the mapping in the docstring of `engine.scene.World`."""
     a, sine = np.pi * (2 * u - 1), np.sin(np.pi * v)
-    return np.stack([-np.cos(a) * sine, np.sin(a) * sine, -np.cos(np.pi * v)], axis=-1)
+    return np.stack([np.cos(a) * sine, -np.sin(a) * sine, -np.cos(np.pi * v)], axis=-1)
 
 
 def uv_of(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    u = (np.arctan2(d[..., 1], -d[..., 0]) / np.pi + 1) / 2
+    u = (1 - np.arctan2(d[..., 1], d[..., 0]) / np.pi) / 2
     return u, np.arctan2(np.hypot(d[..., 0], d[..., 1]), -d[..., 2]) / np.pi
 
 
@@ -150,20 +148,27 @@ def test_samples_follow_the_density(name):
         assert_frequencies(observed[keep], expected.ravel()[keep] * count, len(IMAGES))
 
 
-@pytest.mark.parametrize("name", IMAGES)
-def test_estimate_of_the_mean_radiance(name):
-    image = IMAGES[name]
-    table = build_environment(image)
+@pytest.mark.parametrize("name", ["random", "not a power of two", "hot pixel", "lower half black", "blue only"])
+def test_irradiance_is_the_first_two_bands(name):
+    """E(n) = pi <L> + integral of L w / 2 . n, both integrals from the samples. Rough in the cells at the poles."""
+    table = build_environment(IMAGES[name])
     side = 256
     grid = (np.arange(side) + 0.5) / side
     u = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2).astype(np.float32)
-    _, radiance, pdf = samples(table, u)
-    mean = np.mean(radiance / pdf[:, None], axis=0) / (4 * np.pi)
-    assert np.allclose(mean, mean_radiance(image), rtol=4e-3)
+    d, radiance, pdf = samples(table, u)
+    light = (radiance / pdf[:, None]) @ LUMINANCE
+    expected = np.array([np.mean(light) / 4, *(np.mean(light[:, None] * d, axis=0) / 2)])
+    assert np.allclose(environment_irradiance(table), expected, atol=2e-2 * expected[0])
 
 
-def test_mean_radiance_of_a_constant():
-    assert np.allclose(mean_radiance(np.full((7, 5, 3), 3, np.float32)), 3, rtol=1e-9)
+def test_irradiance_of_a_constant_and_of_a_bright_spot():
+    assert environment_irradiance(build_environment(np.full((32, 64, 3), 3, np.float32))) == pytest.approx(
+        [3 * np.pi, 0, 0, 0], rel=1e-2, abs=1e-3
+    )
+    spot = environment_irradiance(build_environment(hot_pixel(64, 128, 40, 17)))
+    towards = direction_of(np.array(17.5 / 128), np.array(40.5 / 64))
+    assert spot[1:] / np.linalg.norm(spot[1:]) == pytest.approx(towards, abs=1e-3)
+    assert np.linalg.norm(spot[1:]) == pytest.approx(2 * spot[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("row", [0, 1, 20, 40, 63])
@@ -197,12 +202,11 @@ def test_a_black_image_has_no_density():
     table = build_environment(np.zeros((4, 8, 3), np.float32))
     _, radiance, pdf = call_sample_environment(table, np.float32(0.3), np.float32(0.4))
     assert pdf == 0 and radiance == (0, 0, 0)
-    assert call_environment_pdf(table, vec((0, 0, 1))) == 0
-    assert call_environment_radiance(table, vec((0, 0, 1))) == (0, 0, 0)
+    assert call_environment_lookup(table, vec((0, 0, 1))) == ((0, 0, 0), 0)
+    assert np.all(environment_irradiance(table) == 0)
 
 
 def test_results_are_float32():
     table, half = build_environment(IMAGES["random"]), np.float32(0.5)
     assert_float32(call_sample_environment, table, half, half)
-    for function in (environment_pdf, environment_radiance, environment_lookup):
-        assert_float32(from_python(function), table, vec((0, 0, 1)))
+    assert_float32(call_environment_lookup, table, vec((0, 0, 1)))

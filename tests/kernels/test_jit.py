@@ -59,14 +59,21 @@ def test_kernels_compile_where_no_folder_can_be_kept(repository, tmp_path, monke
     assert folder.is_dir()
 
 
-def test_a_user_without_a_name(monkeypatch) -> None:
-    def getuser():
-        raise KeyError("getpwuid(): uid not found: 4711")
-
-    monkeypatch.setattr(jit.getpass, "getuser", getuser)
+def test_the_temporary_folder_is_the_users_alone(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(jit.tempfile, "tempdir", str(tmp_path))
     monkeypatch.delenv("LOBE_CACHE_DIR", raising=False)
-    assert jit._user()
-    assert jit._cache_folder().is_dir()
+    folder = jit._cache_folder()
+    (ours,) = tmp_path.iterdir()
+    assert folder.is_relative_to(ours) and ours.stat().st_mode & 0o777 == 0o700
+
+
+def test_what_others_put_there_is_not_used(tmp_path, monkeypatch) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / f"lobe-cache-{jit._user()}").symlink_to(tmp_path / "elsewhere")
+    monkeypatch.setattr(jit.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.delenv("LOBE_CACHE_DIR", raising=False)
+    folder = jit._cache_folder()
+    assert folder.is_dir() and not folder.is_relative_to(tmp_path / f"lobe-cache-{jit._user()}")
 
 
 def test_old_versions_are_deleted(tmp_path) -> None:

@@ -264,11 +264,11 @@ def test_image_is_rotated(measure, axis):
 
 
 def test_camera_sees_the_image_where_it_is(render):
-    """A direction d in environment space has u = (atan2(d.y, -d.x) / pi + 1) / 2 and v = acos(-d.z) / pi."""
+    """A direction d in environment space has u = (1 - atan2(d.y, d.x) / pi) / 2 and v = acos(-d.z) / pi."""
     image = np.random.default_rng(1).random((8, 16, 3)).astype(np.float32)
     for row, column in [(0, 3), (4, 0), (5, 15), (7, 8)]:
-        phi, theta = (2 * (column + 0.5) / 16 - 1) * np.pi, (row + 0.5) / 8 * np.pi
-        d = (-np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), -np.cos(theta))
+        phi, theta = (1 - 2 * (column + 0.5) / 16) * np.pi, (row + 0.5) / 8 * np.pi
+        d = (np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), -np.cos(theta))
         scene = Scene(width=1, height=1, camera=scenes.camera(towards=d, half_width=1e-6))
         scene.world = World(color=ONE, image=image)
         pixel = render(scene, samples=1).pixels[0, 0, :3]

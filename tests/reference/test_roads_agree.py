@@ -14,7 +14,7 @@ import scenes
 from scipy import stats
 
 import engine
-from engine.scene import Aperture, Material, Scene
+from engine.scene import Aperture, Material, Scene, Visibility
 from engine.settings import Settings
 
 SEEDS = 8
@@ -32,12 +32,64 @@ def bokeh() -> Scene:
     return scene
 
 
+def sheared(kind: str) -> Scene:
+    """A lamp whose axes are not perpendicular, as under a parent that is scaled unevenly."""
+    scene = scenes.lamp_room([kind], SIZE)
+    shear = np.array([[1.0, 0.8, 0.3], [0.0, 0.9, -0.4], [0.0, 0.0, 1.0]])
+    scene.lights[0].transform[:, :3] = scene.lights[0].transform[:, :3] @ shear
+    return scene
+
+
+def coincident(*changes: dict, kinds=("area", "area"), turn=1.0) -> Scene:
+    """Lamps with one shape at one place, each changed; the last one turned if `turn` is -1."""
+    scene = scenes.lamp_room(list(kinds), SIZE, ks=0.6, exponent=300.0)
+    for light in scene.lights:
+        light.transform[:, 3] = (0.3, 0.9, 0.8)
+        light.transform[:, :3] = scenes.place(towards=(0.1, -1.0, -0.2))[:, :3]
+    scene.lights[-1].transform[:, 1:3] *= turn
+    scene.lights = [replace(light, **change) for light, change in zip(scene.lights, changes, strict=True)]
+    return scene
+
+
+def everything_shines() -> Scene:
+    """Lamps, suns and a sky together, none of them negligible: the choice among the groups."""
+    scene = scenes.lamp_room(["area", "sphere", "wide_sun", "sun"], SIZE)
+    scene.lights.append(replace(scenes.lamp("wide_sun"), transform=scenes.place((0, 0, 0), (0.2, 0.5, -0.1))))
+    scene.world = replace(scenes.sky_plate(SIZE).world, color=(0.5, 0.3, 0.4))
+    return scene
+
+
+NO_CAMERA, NO_GLOSS = Visibility.ALL & ~Visibility.CAMERA, Visibility.ALL & ~Visibility.GLOSSY
+
+
+def pane(visibility: Visibility) -> Scene:
+    """Before the emitters hangs a film that some rays pass as if it were not there: an area lamp and two emissive
+    squares, one of which shadow rays do not meet, in a floor like a mirror."""
+    scene = scenes.lamp_room(["area"], SIZE, exponent=1000.0)
+    scene.materials += [Material("film", transparency=(0.5, 0.3, 0.0)), Material("glow", emission=(2.0, 3.0, 3.0))]
+    scene.add_instance(scenes.quad_mesh((-2, -2, 1.2), (4, 0, 0), (0, 3.5, 0)), materials=(2,), visibility=visibility)
+    for x, seen in ((-1.5, Visibility.ALL), (0.5, Visibility.ALL & ~Visibility.SHADOW)):
+        scene.add_instance(scenes.quad_mesh((x, 1.5, 0.5), (1, 0, 0), (0, 0, 1)), materials=(3,), visibility=seen)
+    return scene
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "cornell": lambda: scenes.cornell(SIZE),
     "phong plates": lambda: scenes.phong_plates(SIZE),
     "sky": lambda: scenes.sky_plate(SIZE),
     "all lamps": lambda: scenes.lamp_room(list(scenes.LAMP_KINDS), SIZE),
     "three blades": bokeh,
+    "all groups": everything_shines,
+    "one lamp and a sun": lambda: scenes.lamp_room(["area", "wide_sun"], SIZE),
+    **{f"sheared {kind}": lambda kind=kind: sheared(kind) for kind in ("area", "ellipse", "spread", "spot_sphere")},
+    "a lamp twice": lambda: coincident({}, {}),
+    "lamps back to back": lambda: coincident({}, {"radiance": (0.0, 5.0, 0.0)}, turn=-1.0),
+    "a lamp twice, hidden": lambda: coincident({"visibility": NO_CAMERA}, {"visibility": NO_GLOSS}),
+    "a lamp twice, one without shadow": lambda: coincident({"cast_shadow": False}, {}),
+    "two shapes in one": lambda: coincident({}, {"size_x": 1.5}, kinds=("area", "ellipse")),
+    "sphere and disk in one": lambda: coincident({}, {}, kinds=("soft", "sphere")),
+    "pane hidden from shadow rays": lambda: pane(Visibility.ALL & ~Visibility.SHADOW),
+    "pane for shadow rays only": lambda: pane(Visibility.SHADOW),
     **{kind: lambda kind=kind: scenes.lamp_room([kind], SIZE) for kind in scenes.LAMP_KINDS},
 }
 

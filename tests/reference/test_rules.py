@@ -54,6 +54,58 @@ def test_roof_hidden_from_shadow_rays(measure):
     measure(scene, samples=128, max_bounces=0).check_same(measure(free, samples=128, max_bounces=0))
 
 
+GLOSSY_FLOOR = Material("glossy", kd=(0.1,) * 3, ks=(0.8,) * 3, exponent=1000)
+PANE = {"black": BLACK, "glass": Material("film", transparency=(0.5, 0.25, 0.0))}
+
+
+def under_pane(kind: str, pane: Material, visibility: Visibility, emitter: Visibility = ALL) -> Scene:
+    """A glossy floor that mirrors an emitter at z = 3 into the camera, and a pane at z = 0.5 between the two."""
+    scene = scenes.plate(GLOSSY_FLOOR, towards=(0.0, 0.6, -0.8))
+    scene.materials += [pane, Material("lamp", emission=(5.0,) * 3)]
+    place = scenes.place((0, 2.25, 3))
+    if kind == "mesh":
+        scene.add_instance(scenes.quad_mesh((-1, 1.25, 3), (2, 0, 0), (0, 2, 0)), materials=(2,), visibility=emitter)
+    elif kind == "area":
+        scene.lights = [AreaLight("lamp", place, emitter, radiance=(5.0,) * 3, size_x=2.0, size_y=2.0)]
+    elif kind == "sphere":
+        scene.lights = [PointLight("lamp", place, emitter, intensity=(5 * np.pi,) * 3, radius=1.0)]
+    elif kind == "sun":
+        sun = scenes.place(towards=(0, -0.6, -0.8))
+        scene.lights = [SunLight("sun", sun, emitter, irradiance=(5.0,) * 3, angle=0.3)]
+    else:
+        image = np.full((8, 16, 3), 5.0, np.float32)
+        scene.world = World(color=ONE, image=image, visibility=emitter)
+    # Beside the camera's line of sight, which enters under y = -0.5.
+    scene.add_instance(scenes.quad_mesh((-3, 0.1, 0.5), (6, 0, 0), (0, 6, 0)), materials=(1,), visibility=visibility)
+    return scene
+
+
+@pytest.mark.parametrize("kind", ["mesh", "area", "sphere", "sun", "image"])
+def test_gloss_sees_lights_through_what_is_hidden_from_shadow_rays(measure, kind):
+    """As if the pane were not there, and with as little noise."""
+    hidden = measure(under_pane(kind, BLACK, ALL & ~SHADOW), samples=64, max_bounces=0)
+    free = measure(under_pane(kind, BLACK, Visibility(0)), samples=64, max_bounces=0)
+    hidden.check_same(free)
+    assert np.all(hidden.error < 1.5 * free.error + 1e-3 * free.mean)
+
+
+@pytest.mark.parametrize("kind", ["mesh", "area", "sphere", "sun", "image"])
+@pytest.mark.parametrize("pane", PANE)
+def test_gloss_sees_lights_through_what_only_shadow_rays_meet(measure, kind, pane):
+    """Half the scene's light hangs on shadow rays: all that they pass is dimmed, whichever way it was found."""
+    only = measure(under_pane(kind, PANE[pane], SHADOW), samples=64, max_bounces=0)
+    every = measure(under_pane(kind, PANE[pane], ALL), samples=64, max_bounces=0)
+    only.check_same(every)
+
+
+@pytest.mark.parametrize("emitter", [ALL & ~SHADOW, ALL & ~DIFFUSE, ALL & ~GLOSSY, SHADOW | CAMERA], ids=str)
+def test_emitter_that_some_rays_do_not_see_under_a_hidden_pane(measure, emitter):
+    """Its visibility decides which lobes it lights; whether shadow rays meet it decides nothing."""
+    mesh = measure(under_pane("mesh", BLACK, ALL & ~SHADOW, emitter), samples=1024, max_bounces=0)
+    lamp = measure(under_pane("area", BLACK, ALL & ~SHADOW, emitter), samples=1024, max_bounces=0)
+    mesh.check_same(lamp, slack=1e-3)
+
+
 @pytest.mark.parametrize("visibility", [DIFFUSE | GLOSSY, SHADOW], ids=str)
 def test_world_of_one_colour_is_found_by_rays_alone_where_objects_differ_in_shadows(measure, visibility):
     """A black roof of side 3, 0.4 above a grey plate: what rays meet counts, what shadow rays meet does not. The sky

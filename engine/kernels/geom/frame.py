@@ -29,14 +29,3 @@ def to_world(v, n):
         x[1] * v[0] + y[1] * v[1] + n[1] * v[2],
         x[2] * v[0] + y[2] * v[1] + n[2] * v[2],
     )
-
-
-@device
-def to_local(v, n):
-    """The inverse of `to_world`."""
-    x, y = basis(n)
-    return (
-        x[0] * v[0] + x[1] * v[1] + x[2] * v[2],
-        y[0] * v[0] + y[1] * v[1] + y[2] * v[2],
-        n[0] * v[0] + n[1] * v[1] + n[2] * v[2],
-    )

@@ -1,4 +1,4 @@
-"""Arithmetic on 3-tuples of float32, which is what vectors and colours are inside kernels.
+"""The numbers that all kernels share, and arithmetic on 3-tuples of float32, which is what vectors and colours are.
 
 Results stay float32 as long as the arguments are: no literal here is a Python float.
 """
@@ -14,8 +14,21 @@ from ..jit import device
 ZERO = np.float32(0)
 ONE = np.float32(1)
 TWO = np.float32(2)
+THREE = np.float32(3)
+HALF = np.float32(0.5)
 THIRD = np.float32(1 / 3)
+PI = np.float32(math.pi)
+HALF_PI = np.float32(math.pi / 2)
+QUARTER_PI = np.float32(math.pi / 4)
+TWO_PI = np.float32(2 * math.pi)
+INV_PI = np.float32(1 / math.pi)
+INV_TWO_PI = np.float32(0.5 / math.pi)
 TINY = np.float32(1e-37)  # a little above the smallest normal float32
+SMALL = np.float32(1e-30)  # keeps a quotient finite
+LAST_BELOW_ONE = np.float32(1 - 2**-24)
+FAR = np.float32(np.inf)
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear RGB, Rec. 709
+RED, GREEN, BLUE = LUMINANCE.astype(np.float32)
 BLACK = (ZERO, ZERO, ZERO)
 
 
@@ -62,11 +75,6 @@ def cross(a, b):
 
 
 @device
-def length_squared(a):
-    return dot(a, a)
-
-
-@device
 def length(a):
     return math.sqrt(dot(a, a))
 
@@ -95,12 +103,6 @@ def reflect(w, n):
 
 
 @device
-def flip_towards(n, w):
-    """n or -n, whichever is on w's side."""
-    return n if dot(n, w) >= ZERO else negate(n)
-
-
-@device
 def average(color):
     return (color[0] + color[1] + color[2]) * THIRD
 
@@ -113,12 +115,3 @@ def max_component(color):
 @device
 def is_black(color):
     return color[0] == ZERO and color[1] == ZERO and color[2] == ZERO
-
-
-_R, _G, _B = np.float32(0.2126), np.float32(0.7152), np.float32(0.0722)
-
-
-@device
-def luminance(color):
-    """Rec. 709 luminance of linear RGB."""
-    return color[0] * _R + color[1] * _G + color[2] * _B

@@ -2,23 +2,19 @@
 
 A spread below 180 degrees dims with the angle off the axis like a soft box with a grid; far off the axis only the
 part of the lamp below the shading point is seen, so rectangles are sampled only where they can be seen.
+
+A shear leaves a parallelogram, or an ellipse whose given radii are not its own axes: both are the exact image.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from ..geom.vec import BLACK, TINY, ZERO, add_scaled, direction_and_length, dot, scale, sub
+from ..geom.vec import BLACK, ONE, TINY, ZERO, add_scaled, direction_and_length, dot, length, scale, sub
 from ..jit import device
 from ..sampler.warp import concentric_disk
-from ..tables import AXIS, AXIS_X, AXIS_Y, POSITION, RADIANCE, SIZE, SPREAD_NORM, TAN_SPREAD
+from ..tables import AREA, AXIS, AXIS_X, AXIS_Y, POSITION, RADIANCE, SIZE, SPREAD_NORM, TAN_SPREAD, TO_LOCAL
 from .spherical import rectangle_pdf, sample_rectangle
-
-PI = np.float32(math.pi)
-TWO = np.float32(2)
-HALF = np.float32(0.5)
 
 
 @device
@@ -35,7 +31,7 @@ def _lamp_radiance(lamps, i, wi):
     radiance = _vector(lamps, i, RADIANCE)
     tan_spread = lamps[i, TAN_SPREAD]
     if tan_spread > ZERO:
-        sine = math.sqrt(max(np.float32(1) - cosine * cosine, ZERO))
+        sine = math.sqrt(max(ONE - cosine * cosine, ZERO))
         factor = max(tan_spread - sine / max(cosine, TINY), ZERO) * lamps[i, SPREAD_NORM]
         radiance = scale(radiance, factor)
     return radiance
@@ -46,20 +42,22 @@ def _visible_part(lamps, i, p):
     """The part of the rectangle within the cone of the spread, as (corner, edge x, edge y, height): the height of p
     above the lamp's plane; 0 or less means nothing is seen."""
     center = _vector(lamps, i, POSITION)
-    axis_x, axis_y = _vector(lamps, i, AXIS_X), _vector(lamps, i, AXIS_Y)
     half_x, half_y = lamps[i, SIZE], lamps[i, SIZE + 1]
     to_p = sub(p, center)
     height = dot(to_p, _vector(lamps, i, AXIS))
-    low_x, high_x, low_y, high_y = -half_x, half_x, -half_y, half_y
+    low_x, high_x, low_y, high_y = -ONE, ONE, -ONE, ONE
     if lamps[i, TAN_SPREAD] > ZERO:
         reach = height * lamps[i, TAN_SPREAD]
-        x, y = dot(to_p, axis_x), dot(to_p, axis_y)
-        low_x, high_x = max(low_x, x - reach), min(high_x, x + reach)
-        low_y, high_y = max(low_y, y - reach), min(high_y, y + reach)
+        to_x, to_y = _vector(lamps, i, TO_LOCAL), _vector(lamps, i, TO_LOCAL + 3)
+        x, y = dot(to_p, to_x), dot(to_p, to_y)
+        reach_x, reach_y = reach * length(to_x), reach * length(to_y)
+        low_x, high_x = max(low_x, x - reach_x), min(high_x, x + reach_x)
+        low_y, high_y = max(low_y, y - reach_y), min(high_y, y + reach_y)
         if low_x >= high_x or low_y >= high_y:
             height = ZERO
-    corner = add_scaled(add_scaled(center, axis_x, low_x), axis_y, low_y)
-    return corner, scale(axis_x, high_x - low_x), scale(axis_y, high_y - low_y), height
+    half_edge_x, half_edge_y = scale(_vector(lamps, i, AXIS_X), half_x), scale(_vector(lamps, i, AXIS_Y), half_y)
+    corner = add_scaled(add_scaled(center, half_edge_x, low_x), half_edge_y, low_y)
+    return corner, scale(half_edge_x, high_x - low_x), scale(half_edge_y, high_y - low_y), height
 
 
 @device
@@ -96,9 +94,8 @@ def sample_ellipse_lamp(lamps, i, p, u1, u2):
 def ellipse_lamp_seen(lamps, i, p, wi, t):
     """(radiance, pdf) for a ray that meets the ellipse's rectangle at t; black in the corners."""
     off = sub(add_scaled(p, wi, t), _vector(lamps, i, POSITION))
-    x = dot(off, _vector(lamps, i, AXIS_X)) / lamps[i, SIZE]
-    y = dot(off, _vector(lamps, i, AXIS_Y)) / lamps[i, SIZE + 1]
-    if x * x + y * y > np.float32(1):
+    x, y = dot(off, _vector(lamps, i, TO_LOCAL)), dot(off, _vector(lamps, i, TO_LOCAL + 3))
+    if x * x + y * y > ONE:
         return BLACK, ZERO
     return _lamp_radiance(lamps, i, wi), _ellipse_pdf(lamps, i, wi, t)
 
@@ -106,5 +103,5 @@ def ellipse_lamp_seen(lamps, i, p, wi, t):
 @device
 def _ellipse_pdf(lamps, i, wi, t):
     cosine = -dot(wi, _vector(lamps, i, AXIS))
-    area = PI * lamps[i, SIZE] * lamps[i, SIZE + 1]
-    return t * t / (area * cosine) if cosine > TINY else ZERO
+    area = lamps[i, AREA]
+    return t * t / (area * cosine) if area * cosine > TINY else ZERO

@@ -1,7 +1,8 @@
 """All emitters behind one door: choose one, sample it, or say what a ray that met one sees of it.
 
-Emitters are in three groups: local ones (lamps and emissive triangles, chosen by the light tree), suns, and the
-world's image. A constant world is in none of them: sampling the BSDF finds it with less noise than any light sample.
+Emitters are in three groups (see `groups`): local ones (lamps and emissive triangles, chosen by the light tree),
+suns, and the world's image. A constant world is in none of them: sampling the BSDF finds it with less noise than any
+light sample.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from ...features import (
     SPHERE,
     SPOT,
 )
-from ..geom.vec import BLACK, ONE, ZERO, cross, mul, sub
+from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, ZERO, cross, mul, sub
 from ..jit import device
-from ..tables import EMISSION, LAMP_MASK, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED
+from ..tables import EMISSION, LAMP_MASK, SHADOW_RAY, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED, WORLD_COLOR, WORLD_MASK
 from .area import ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
 from .environment import environment_lookup, sample_environment
+from .groups import group_shares
 from .point import disk_lamp_seen, inside_lamp, sample_disk_lamp, sample_point, sample_sphere_lamp, sphere_lamp_seen
 from .spherical import rectangle_pdf, sample_rectangle, sample_triangle, triangle_pdf
-from .sun import sample_sun, sun_seen
+from .sun import choose_sun, sample_sun, sun_probability, sun_seen
 from .tree import sample_tree, tree_probability
 
-FAR = np.float32(np.inf)
 UP = (ZERO, ZERO, ONE)
 SEES_ALL = np.uint32(7)
 
@@ -63,30 +64,27 @@ def no_sample():
 
 
 @device
-def group_probability(f):
-    """Of each group that is present."""
-    return ONE / np.float32(max((f.emitter_choice != NO_EMITTER) + f.suns + (f.world == IMAGE_WORLD), 1))
-
-
-@device
 def sample_light(f, geometry, lights, environment, tree, p, n, own, u, u1, u2):
     """Draw a `LightSample` for the point p with normal n from three random numbers.
 
     own: the emitter that p lies on, or -1. It is flat and gives itself nothing; what rounding makes of its height
     above itself must not be taken for light.
     """
-    share = group_probability(f)
+    shares = group_shares(f, lights, tree, p, n)
     if f.emitter_choice != NO_EMITTER:
-        if u < share or not (f.suns or f.world == IMAGE_WORLD):
-            return _sample_local(f, geometry, lights, tree, p, n, own, u / share, share, u1, u2)
-        u -= share
-    if f.suns and (u < share or f.world != IMAGE_WORLD):
-        return _sample_suns(f, lights, min(u / share, ONE), share, u1, u2)
-    if f.world == IMAGE_WORLD:
+        if u < shares.local:
+            u = min(u / shares.local, LAST_BELOW_ONE)
+            return _sample_local(f, geometry, lights, tree, p, n, own, u, shares.local, u1, u2)
+        u -= shares.local
+    if f.suns:
+        if u < shares.suns:
+            return _sample_suns(f, lights, n, min(u / shares.suns, LAST_BELOW_ONE), shares.suns, u1, u2)
+        u -= shares.suns
+    if f.world == IMAGE_WORLD and u < shares.world:
         local, radiance, pdf = sample_environment(environment, u1, u2)
         wi = _from_environment(lights, local)
-        mask = np.uint32(lights.world[3])
-        return LightSample(wi, FAR, mul(radiance, _world_color(lights)), pdf * share, False, True, mask)
+        mask = np.uint32(lights.world[WORLD_MASK])
+        return LightSample(wi, FAR, mul(radiance, _world_color(lights)), pdf * shares.world, False, True, mask)
     return no_sample()
 
 
@@ -110,7 +108,8 @@ def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
             wi, t, pdf = sample_triangle(p, a, b, c, u1, u2)
         radiance = emission(geometry, geometry.triangle_slot[triangle])
         mask = np.uint32(lights.emitter_mask[emitter - lamp_count])
-        return LightSample(wi, t, radiance, pdf * chosen * share, False, True, mask)
+        alone = not f.shared_light and not (mask & SHADOW_RAY)  # see kernels/mis.py
+        return LightSample(wi, t, radiance, pdf * chosen * share, alone, True, mask)
     if f.lamp_kinds:
         wi, t, radiance, pdf, delta = _sample_lamp(f, lights, emitter, p, n, u1, u2)
         mask = np.uint32(lights.lamps[emitter, LAMP_MASK])
@@ -144,22 +143,20 @@ def _sample_lamp(f, lights, i, p, n, u1, u2):
 
 
 @device
-def _sample_suns(f, lights, u, share, u1, u2):
-    count = len(lights.suns)
-    i = min(np.int64(u * np.float32(count)), count - 1)
+def _sample_suns(f, lights, n, u, share, u1, u2):
+    i, chosen = choose_sun(lights.suns, n, u)
     wi, radiance, pdf, delta = sample_sun(lights.suns, i, u1, u2)
     shadowed = not (f.unshadowed and lights.suns[i, SUN_UNSHADOWED] > ZERO)
     mask = np.uint32(lights.suns[i, SUN_MASK])
-    return LightSample(wi, FAR, radiance, pdf * share / np.float32(count), delta or not shadowed, shadowed, mask)
+    return LightSample(wi, FAR, radiance, pdf * chosen * share, delta or not shadowed, shadowed, mask)
 
 
 @device
-def local_probability(f, tree, emitter, p, n):
+def local_probability(f, lights, tree, emitter, p, n):
     """Of `sample_light` choosing this lamp or emissive triangle, seen from p with normal n."""
-    share = group_probability(f)
     if f.emitter_choice == ONE_EMITTER:
-        return share
-    return share * tree_probability(tree, emitter, p, n)
+        return ONE
+    return group_shares(f, lights, tree, p, n).local * tree_probability(tree, emitter, p, n)
 
 
 @device
@@ -201,30 +198,32 @@ def surface_seen_pdf(f, geometry, lights, emitter, p, wi, t):
 
 
 @device
-def sun_seen_pdf(f, lights, i, wi, mask):
-    """(radiance, pdf with the choice) of sun i along wi, black if rays of this kind don't see it."""
+def sun_seen_pdf(f, lights, shares, i, n, wi, mask):
+    """(radiance, pdf with the choice) of sun i along wi, black if rays of this kind don't see it. n, and the `shares`
+    of the groups, are those of the point that the ray left."""
     if not (np.uint32(lights.suns[i, SUN_MASK]) & mask):
         return BLACK, ZERO
     radiance, pdf = sun_seen(lights.suns, i, wi)
-    pdf *= group_probability(f) / np.float32(len(lights.suns))
+    if pdf > ZERO:
+        pdf *= shares.suns * sun_probability(lights.suns, i, n)
     return radiance, FAR if f.unshadowed and lights.suns[i, SUN_UNSHADOWED] > ZERO else pdf
 
 
 @device
-def world_seen(f, lights, environment, wi, mask):
+def world_seen(f, lights, shares, environment, wi, mask):
     """(radiance, pdf with the choice) of the world along wi, black if rays of this kind don't see it."""
-    if not (np.uint32(lights.world[3]) & mask):
+    if not (np.uint32(lights.world[WORLD_MASK]) & mask):
         return BLACK, ZERO
     if f.world != IMAGE_WORLD:
         return _world_color(lights), ZERO
     local = _to_environment(lights, wi)
     radiance, pdf = environment_lookup(environment, local)
-    return mul(radiance, _world_color(lights)), pdf * group_probability(f)
+    return mul(radiance, _world_color(lights)), pdf * shares.world
 
 
 @device
 def _world_color(lights):
-    return lights.world[0], lights.world[1], lights.world[2]
+    return lights.world[WORLD_COLOR], lights.world[WORLD_COLOR + 1], lights.world[WORLD_COLOR + 2]
 
 
 @device

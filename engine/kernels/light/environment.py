@@ -20,19 +20,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geom.vec import BLACK, ONE, TWO, ZERO
+from ..geom.vec import (
+    BLACK,
+    BLUE,
+    GREEN,
+    HALF,
+    INV_PI,
+    INV_TWO_PI,
+    LAST_BELOW_ONE,
+    LUMINANCE,
+    ONE,
+    PI,
+    RED,
+    SMALL,
+    TWO,
+    TWO_PI,
+    ZERO,
+)
 from ..jit import device
 from .spherical import atan2_upper
-
-HALF = np.float32(0.5)
-PI = np.float32(np.pi)
-TWO_PI = np.float32(2 * np.pi)
-INV_PI = np.float32(1 / np.pi)
-INV_TWO_PI = np.float32(0.5 / np.pi)
-SMALL = np.float32(1e-30)
-LAST_BELOW_ONE = np.float32(1 - 2**-24)
-RED, GREEN, BLUE = np.float32(0.2126), np.float32(0.7152), np.float32(0.0722)
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 class EnvironmentTable(NamedTuple):
@@ -110,19 +116,22 @@ def _guide(cdf: np.ndarray) -> np.ndarray:
     return np.minimum(guide, cdf.shape[1] - 2).astype(np.int32)
 
 
-def mean_radiance(image: np.ndarray) -> np.ndarray:
-    """(3,) float64: mean over the sphere of the interpolated image (H, W, 3). Times 4 pi: the total, W/m2."""
-    height = image.shape[0]
-    # Integrate each row's hat function against sin(theta): Gauss-Legendre on the half cells, where it is linear.
-    x, w = np.polynomial.legendre.leggauss(6)
-    y = (np.arange(2 * height)[:, None] + 0.5 * (x + 1)) / 2  # rows, from 0 to H
-    solid = 0.5 * np.pi * np.sin(np.pi * y / height) * (0.25 * w / height)
-    position = np.clip(y - 0.5, 0, height - 1)
-    low = np.minimum(position.astype(int), max(height - 2, 0))
-    upper_share = position - low
-    share = np.bincount(low.ravel(), (solid * (1 - upper_share)).ravel(), height)
-    share += np.bincount(np.minimum(low + 1, height - 1).ravel(), (solid * upper_share).ravel(), height)
-    return share @ image.mean(axis=1, dtype=np.float64)
+def environment_irradiance(table: EnvironmentTable) -> np.ndarray:
+    """(4,) float64, W/m2 of luminance: a plane with the normal n receives about [0] + [1:4] . n. These are the first
+    two bands of spherical harmonics: Ramamoorthi & Hanrahan 2001, "An Efficient Representation for Irradiance
+    Environment Maps", equation 6 (pi and 2 pi / 3)."""
+    if table.scale[0] == 0:
+        return np.zeros(4)
+    height, width = table.image.shape[:2]
+    v = np.arange(height + 1) / height
+    v[0], v[-1] = 0.25 / height, 1 - 0.25 / height  # the middles of the half cells
+    theta, phi = np.pi * v, 2 * np.pi * (np.arange(width) + 1) / width
+    circle = np.column_stack([-np.cos(phi), np.sin(phi)]).astype(np.float32)
+    across = table.column_cdf[:, 1:] @ circle - table.column_cdf[:, :-1] @ circle  # (H + 1, 2), mean of each row
+    share = np.diff(table.row_cdf.astype(np.float64))
+    mean = np.array([*((share * np.sin(theta)) @ across), share @ -np.cos(theta)])
+    power = 1 / float(table.scale[0])
+    return power * np.array([0.25, *(0.5 * mean)])
 
 
 # --- looking up ----------------------------------------------------------------------------------------------------
@@ -137,8 +146,8 @@ def _locate(table, d):
     row = min(int(y + HALF), height)
     low = max(np.float32(row) - HALF, ZERO)
     v = (y - low) * (TWO if row == 0 or row == height else ONE)
-    around = atan2_upper(abs(d[1]), -d[0]) * INV_TWO_PI
-    u = HALF + (around if d[1] >= ZERO else -around)
+    around = atan2_upper(abs(d[1]), d[0]) * INV_TWO_PI
+    u = HALF - (around if d[1] >= ZERO else -around)
     x = u * np.float32(width) - HALF
     floor = math.floor(x)
     column = int(floor)
@@ -197,20 +206,6 @@ def environment_lookup(table, d):
     return _mix_color(c00, c01, c10, c11, u, v), pdf
 
 
-@device
-def environment_radiance(table, d):
-    """Radiance from the unit direction d."""
-    row, column, u, v, _ = _locate(table, d)
-    c00, c01, c10, c11 = _corners(table, row, column)
-    return _mix_color(c00, c01, c10, c11, u, v)
-
-
-@device
-def environment_pdf(table, d):
-    """Density of `sample_environment` for the unit direction d, per steradian. Free with `environment_lookup`."""
-    return environment_lookup(table, d)[1]
-
-
 # --- sampling ------------------------------------------------------------------------------------------------------
 
 
@@ -264,6 +259,6 @@ def sample_environment(table, u1, u2):
     theta = PI * from_pole / np.float32(height)
     sine, cosine = math.sin(theta), math.cos(theta)
     phi = TWO_PI * (np.float32(column) + HALF + u) / np.float32(width)
-    d = math.cos(phi) * sine, -math.sin(phi) * sine, cosine if upper else -cosine
+    d = -math.cos(phi) * sine, math.sin(phi) * sine, cosine if upper else -cosine
     pdf = table.scale[0] * _mix(left, right, u) / max(sine, SMALL)
     return d, _mix_color(c00, c01, c10, c11, u, v), pdf

@@ -5,19 +5,13 @@ All have the intensity of a point seen from afar: the radiance of sphere and dis
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from ..geom.frame import basis
-from ..geom.vec import BLACK, ONE, TINY, ZERO, add_scaled, direction_and_length, dot, negate, scale, sub
+from ..geom.vec import BLACK, ONE, PI, TINY, ZERO, add_scaled, direction_and_length, dot, negate, scale, sub
 from ..jit import device
 from ..sampler.warp import concentric_disk
 from ..tables import POSITION, RADIANCE, SIZE
 from .spherical import sample_sphere, sphere_pdf
 from .spot import spot_falloff
-
-PI = np.float32(math.pi)
 
 
 @device

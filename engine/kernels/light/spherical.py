@@ -21,17 +21,26 @@ import math
 import numpy as np
 
 from ..geom.frame import basis
-from ..geom.vec import ONE, TWO, ZERO, cross, direction_and_length, dot, scale, sub
+from ..geom.vec import (
+    HALF,
+    HALF_PI,
+    INV_PI,
+    INV_TWO_PI,
+    ONE,
+    PI,
+    QUARTER_PI,
+    SMALL,
+    TWO,
+    TWO_PI,
+    ZERO,
+    cross,
+    direction_and_length,
+    dot,
+    scale,
+    sub,
+)
 from ..jit import device
 
-HALF = np.float32(0.5)
-SMALL = np.float32(1e-30)  # keeps 1 / length finite at a vertex
-PI = np.float32(np.pi)
-HALF_PI = np.float32(np.pi / 2)
-QUARTER_PI = np.float32(np.pi / 4)
-TWO_PI = np.float32(2 * np.pi)
-INV_PI = np.float32(1 / np.pi)
-INV_TWO_PI = np.float32(0.5 / np.pi)
 FAR_RATIO = np.float32(2)
 FAR_RATIO_SQUARED = FAR_RATIO * FAR_RATIO
 
@@ -95,15 +104,6 @@ def _triangle_measures(a, b, c, height_ng):
 def _half_solid_angle(volume, cos_ab, cos_ac, cos_bc):
     """Van Oosterom & Strackee 1983."""
     return atan2_upper(volume, ONE + cos_ab + cos_ac + cos_bc)
-
-
-@device
-def triangle_solid_angle(p, v0, v1, v2):
-    """Steradians that the triangle covers as seen from p, [0, 2 pi]."""
-    a = sub(v0, p)
-    height_ng = abs(dot(a, cross(sub(v1, v0), sub(v2, v0))))
-    _, _, _, volume, ab, ac, bc = _triangle_measures(a, sub(v1, p), sub(v2, p), height_ng)
-    return TWO * _half_solid_angle(volume, ab, ac, bc)
 
 
 @device
@@ -292,13 +292,6 @@ def rectangle_pdf(p, corner, edge_u, edge_v, wi, t):
     if _rectangle_by_area(width, depth, h, orthogonal):
         return t * t * t / (area * h)  # h / t is the cosine
     return HALF / max(_rectangle_half_solid_angle(x0, y0, x0 + width, y0 + depth, h), SMALL)
-
-
-@device
-def rectangle_solid_angle(p, corner, edge_u, edge_v):
-    """Steradians that the rectangle covers as seen from p, [0, 2 pi]."""
-    _, _, width, depth, x0, y0, height, _ = _rectangle_frame(p, corner, edge_u, edge_v)
-    return TWO * _rectangle_half_solid_angle(x0, y0, x0 + width, y0 + depth, abs(height))
 
 
 # --- sphere --------------------------------------------------------------------------------------------------------

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..geom.vec import ONE, ZERO, normalize
+from ..geom.vec import ONE, THREE, TWO, ZERO, normalize
 from ..jit import device
 from ..tables import SPOT_COS, SPOT_SCALE, TO_LOCAL
-
-TWO, THREE = np.float32(2), np.float32(3)
 
 
 @device

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..geom.frame import to_world
-from ..geom.vec import BLACK, ONE, ZERO, dot, sub
+from ..geom.vec import BLACK, ONE, TWO, TWO_PI, ZERO, dot, sub
 from ..jit import device
-from ..tables import SUN_AXIS, SUN_ONE_MINUS_COS, SUN_RADIANCE
-
-TWO_PI = np.float32(2 * math.pi)
-TWO = np.float32(2)
+from ..tables import SUN_AXIS, SUN_COS, SUN_IRRADIANCE, SUN_ONE_MINUS_COS, SUN_RADIANCE, SUN_SIN
+from .tree import mean_cosine
 
 
 @device
@@ -23,6 +19,48 @@ def _axis(suns, i):
 @device
 def _radiance(suns, i):
     return suns[i, SUN_RADIANCE], suns[i, SUN_RADIANCE + 1], suns[i, SUN_RADIANCE + 2]
+
+
+@device
+def sun_importance(suns, i, n):
+    """About the irradiance on a plane with normal n; 0 only where the whole disk is below its horizon."""
+    return suns[i, SUN_IRRADIANCE] * mean_cosine(dot(n, _axis(suns, i)), suns[i, SUN_COS], suns[i, SUN_SIN])
+
+
+@device
+def suns_importance(suns, n):
+    """Of all suns together."""
+    total = ZERO
+    for i in range(len(suns)):
+        total += sun_importance(suns, i, n)
+    return total
+
+
+@device
+def choose_sun(suns, n, u):
+    """(sun, probability) by importance for a plane with normal n; u in [0, 1). probability == 0: none is up."""
+    if len(suns) == 1:
+        return 0, ONE
+    total = suns_importance(suns, n)
+    u *= total
+    chosen, importance = 0, ZERO
+    for i in range(len(suns)):
+        candidate = sun_importance(suns, i, n)
+        if candidate > ZERO:
+            chosen, importance = i, candidate
+            if u < candidate:
+                break
+            u -= candidate
+    return chosen, importance / total if total > ZERO else ZERO
+
+
+@device
+def sun_probability(suns, i, n):
+    """The probability with which `choose_sun` chooses sun i."""
+    if len(suns) == 1:
+        return ONE
+    total = suns_importance(suns, n)
+    return sun_importance(suns, i, n) / total if total > ZERO else ZERO
 
 
 @device

@@ -6,7 +6,7 @@ children with a probability proportional to their importance. `tree_probability`
 stored for it, so both give the same probability.
 
 The receiver's normal n is the one whose cosine multiplies the light (the shading normal), and only emitters above
-its horizon count: surfaces reflect, they don't transmit. n = (0, 0, 0) means that the receiver has no horizon.
+its horizon count: surfaces reflect, they don't transmit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geom.vec import ONE, ZERO, dot
+from ..geom.vec import HALF, LAST_BELOW_ONE, ONE, SMALL, ZERO, dot
 from ..jit import device
 
 # Words of a node, one cache line. COS_TOTAL: of theta_o + theta_e. CHILD is an integer: the row of the left child, with
@@ -34,12 +34,9 @@ CENTER, HALF_SIZE, POWER, AXIS, COS_O, SIN_O, COS_TOTAL, CHILD, TWO_SIDED, NODE_
     16,
 )
 
-SMALL = np.float32(1e-30)
 LARGE = np.float32(1e30)  # so that a lamp thrown far out cannot drown its clusters in infinities
-HALF = np.float32(0.5)
 # Rounding may put an emitter that touches its bounds beyond them: cones are widened by this, as a cosine.
 SLACK = np.float32(1e-5)
-LAST_BELOW_ONE = np.float32(1 - 2**-24)
 
 # A cluster is taken for a ball of sqrt(SOFTNESS) times its bounding radius, and a cosine in it for the mean of its
 # bounds, at least LEAST_COSINE times the sine of the angle that the ball covers. Measured over seven scenes (random
@@ -61,7 +58,7 @@ class LightTree(NamedTuple):
 
 
 @device
-def _mean_cosine(cosine, cos_w, sin_w):
+def mean_cosine(cosine, cos_w, sin_w):
     """Mean of the largest and the smallest cosine, none below 0, within the angle w of a direction with `cosine`."""
     sine = math.sqrt(max(ONE - cosine * cosine, ZERO))
     largest = ONE if cosine >= cos_w or sin_w < ZERO else cosine * cos_w + sine * sin_w
@@ -97,7 +94,7 @@ def _importance(nodes, k, p, n):
     cos_u, sin_u = distance_squared * inverse * soft_inverse, math.sqrt(blur_squared) * soft_inverse
     least = LEAST_COSINE * sin_u
     importance = nodes[k, POWER] * soft_inverse * soft_inverse
-    importance *= max(_mean_cosine(height * inverse, cos_u, sin_u), least)
+    importance *= max(mean_cosine(height * inverse, cos_u, sin_u), least)
     cos_o = nodes[k, COS_O]
     if cos_o > -ONE:
         cosine = -(nodes[k, AXIS] * to[0] + nodes[k, AXIS + 1] * to[1] + nodes[k, AXIS + 2] * to[2]) * inverse
@@ -107,8 +104,18 @@ def _importance(nodes, k, p, n):
             return ZERO
         sin_o = nodes[k, SIN_O]
         cos_w, sin_w = cos_u * cos_o - sin_u * sin_o, sin_u * cos_o + cos_u * sin_o
-        importance *= max(_mean_cosine(cosine, cos_w, sin_w), least)
+        importance *= max(mean_cosine(cosine, cos_w, sin_w), least)
     return importance
+
+
+@device
+def tree_importance(tree, p, n):
+    """An estimate of the irradiance at p, as luminance, if the emitters' power is luminance x area; 0 only where
+    nothing can arrive."""
+    nodes, child = tree.nodes, tree.integers[0, CHILD]
+    if child < 0:
+        return _importance(nodes, 0, p, n)
+    return _importance(nodes, child, p, n) + _importance(nodes, child + 1, p, n)
 
 
 @device

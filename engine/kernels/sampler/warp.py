@@ -1,7 +1,4 @@
-"""Shapes that uniform numbers are warped to, each followed by its density.
-
-Directions have z along the axis. `_pdf` is per steradian, `_pdf_area` per unit of area.
-"""
+"""Shapes that uniform numbers are warped to. Directions have z along the axis; their density per steradian follows."""
 
 from __future__ import annotations
 
@@ -9,17 +6,10 @@ import math
 
 import numpy as np
 
-from ..geom.elementary import sin_cos_acute, sin_cos_turn
-from ..geom.vec import ONE, TINY, TWO, ZERO
+from ..geom.elementary import sin_cos_acute
+from ..geom.vec import INV_PI, INV_TWO_PI, ONE, QUARTER_PI, TINY, TWO, TWO_PI, ZERO
 from ..jit import device
 from .random import random_1d
-
-PI = np.float32(math.pi)
-TWO_PI = np.float32(2 * math.pi)
-INV_PI = np.float32(1 / math.pi)
-INV_TWO_PI = np.float32(1 / (2 * math.pi))
-_QUARTER_PI = np.float32(math.pi / 4)
-_HALF = np.float32(0.5)
 
 
 @device
@@ -31,13 +21,8 @@ def concentric_disk(u1, u2):
     radius = a if wide else b
     other = b if wide else a
     ratio = other / radius if radius != ZERO else ZERO
-    s, c = sin_cos_acute(_QUARTER_PI * ratio)
+    s, c = sin_cos_acute(QUARTER_PI * ratio)
     return radius * (c if wide else s), radius * (s if wide else c)
-
-
-@device
-def concentric_disk_pdf_area():
-    return INV_PI
 
 
 @device
@@ -88,44 +73,6 @@ def rejection_hemisphere(state):
 
 
 @device
-def uniform_sphere(u1, u2):
-    z = ONE - TWO * u1
-    radius = TWO * math.sqrt(u1 * (ONE - u1))
-    s, c = sin_cos_turn(u2)
-    return radius * c, radius * s, z
-
-
-@device
-def uniform_sphere_pdf():
-    return INV_TWO_PI * _HALF
-
-
-@device
-def one_minus_cos(sin2_max):
-    """1 - cos of an acute angle from its squared sine, exact for small angles."""
-    return sin2_max / (ONE + math.sqrt(max(ONE - sin2_max, ZERO)))
-
-
-@device
-def uniform_cone(one_minus_cos_max, u1, u2):
-    """Uniform in solid angle within a cone about z.
-
-    `one_minus_cos_max` = 1 - cos(half angle), in (0, 2]: unlike the cosine it is precise for the sun's half degree.
-    """
-    x, y = concentric_disk(u1, u2)
-    squared = x * x + y * y
-    drop = squared * one_minus_cos_max  # 1 - cos(theta)
-    stretch = math.sqrt(one_minus_cos_max * max(TWO - drop, ZERO))
-    return x * stretch, y * stretch, ONE - drop
-
-
-@device
-def uniform_cone_pdf(one_minus_cos_max):
-    """Inside the cone."""
-    return INV_TWO_PI / one_minus_cos_max
-
-
-@device
 def regular_polygon(blades, rotation, u1, u2):
     """Uniform in the regular polygon inscribed in the unit circle, with a corner at `rotation` radians.
 
@@ -140,8 +87,3 @@ def regular_polygon(blades, rotation, u1, u2):
     s0, c0 = math.sin(start), math.cos(start)
     s1, c1 = math.sin(end), math.cos(end)
     return u * (c0 + (c1 - c0) * u2), u * (s0 + (s1 - s0) * u2)
-
-
-@device
-def regular_polygon_pdf_area(blades):
-    return TWO / (blades * math.sin(TWO_PI / blades))

@@ -1,0 +1,104 @@
+"""Light sampling: the direct light of a vertex by one light sample and its shadow ray."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..features import IMAGE_WORLD, NO_EMITTER
+from .bsdf import evaluate
+from .bsdf.diffuse import diffuse_f
+from .embree import intersect, occluded
+from .geom.surface import find_surface, offset_origin
+from .geom.vec import BLACK, FAR, HALF, ONE, ZERO, add, add_scaled, dot, is_black, mul, negate, scale, sub
+from .jit import device
+from .light.emitters import sample_light
+from .mis import sampled_light_weight
+from .records import LIGHT_CHOICE, LIGHT_POINT, MAX_TRANSPARENT, WHITE, material_color
+from .sampler.sobol import sample_1d, sample_2d
+from .tables import DIFFUSE_RAY, GLOSSY_RAY, SHADOW_RAY, TRANSPARENCY
+
+# A shadow ray ends a little before the light, so that it does not meet the light itself: this part of its length, and
+# this part of the coordinates, which is some roundings of float32.
+SHADOW_GAP, COORDINATE_GAP = np.float32(1e-5), np.float32(1e-6)
+
+
+@device
+def samples_lights(f):
+    """Whether the scene has any light that light sampling finds."""
+    return f.emitter_choice != NO_EMITTER or f.suns or f.world == IMAGE_WORLD
+
+
+@device
+def direct_light(f, tables, memory, vertex, numbers):
+    """(radiance towards wo by one light sample, rays traced)."""
+    geometry, p, n = tables.geometry, vertex.p, vertex.n
+    u = sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + LIGHT_CHOICE)
+    u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, numbers.dimension + LIGHT_POINT)
+    light = sample_light(f, geometry, tables.lights, tables.environment, tables.tree, p, n, vertex.own, u, u1, u2)
+    if not light.pdf > ZERO or is_black(light.radiance):
+        return BLACK, 0
+    value, pdf = evaluate(f.phong, f.hemisphere, vertex.surface, vertex.wo, light.wi, n, vertex.ng)
+    if is_black(value):
+        return BLACK, 0
+    value = _lit_lobes(f, vertex.surface, value, light.mask)
+    weight = dot(n, light.wi) / light.pdf
+    weight *= sampled_light_weight(light, pdf)
+    contribution = scale(mul(value, light.radiance), weight)
+    if not light.shadowed or is_black(contribution):
+        return contribution, 0
+    through, rays = _shadow(f, geometry, memory, vertex, light)
+    return mul(contribution, through), rays
+
+
+@device
+def _lit_lobes(f, surface, value, mask):
+    """Of the BRDF's value, what the lobes contribute whose kind of ray sees a light of this mask."""
+    if f.ray_kinds:
+        diffuse = diffuse_f(surface[0])
+        if not mask & GLOSSY_RAY:
+            value = diffuse
+        if not mask & DIFFUSE_RAY:
+            value = sub(value, diffuse) if mask & GLOSSY_RAY else BLACK
+    return value
+
+
+@device
+def _shadow(f, geometry, memory, vertex, light):
+    """(fraction of the sampled light that arrives at the vertex, rays traced)."""
+    direction, t_far = light.wi, FAR
+    if light.t < FAR:
+        # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
+        direction = sub(add_scaled(vertex.p, light.wi, light.t), vertex.start)
+        t_far = _shadow_end(vertex.p, light.t)
+    return _transmittance(f, geometry, memory, vertex.start, direction, t_far)
+
+
+@device
+def _shadow_end(p, t):
+    """Where, as a part of its length t, a shadow ray from p ends."""
+    largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
+    return ONE - min(SHADOW_GAP + COORDINATE_GAP * largest / t, HALF)
+
+
+@device
+def _transmittance(f, geometry, memory, start, direction, t_far):
+    """(fraction of light that gets through from `start` on, as far as `t_far`, rays traced).
+
+    t_far is infinite, or just below 1 for a `direction` that reaches from `start` to the light.
+    """
+    accel, ray, words = geometry.accel[0], memory.floats, memory.words
+    if not f.transparency:
+        blocked = occluded(accel, ray, words, start, direction, ZERO, t_far, SHADOW_RAY)
+        return (BLACK if blocked else WHITE), 1
+    through, end = WHITE, add(start, direction)
+    for i in range(MAX_TRANSPARENT):
+        if not intersect(accel, ray, words, start, direction, ZERO, t_far, SHADOW_RAY):
+            return through, i + 1
+        p, _, ng, material, _ = find_surface(f, geometry, ray, words, negate(direction))
+        through = mul(through, material_color(geometry, material, TRANSPARENCY))
+        if is_black(through):
+            return through, i + 1
+        start = offset_origin(p, negate(ng))
+        if t_far < FAR:
+            direction = sub(end, start)
+    return BLACK, MAX_TRANSPARENT

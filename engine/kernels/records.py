@@ -1,0 +1,160 @@
+"""What the functions of a path hand each other: its limits and tables, and the records that it carries along.
+
+Records are rebuilt, not changed. After inlining nothing is left of them but their fields in registers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .geom.vec import ONE, ZERO, add, average, mul, scale
+from .jit import device
+
+WHITE = (ONE, ONE, ONE)
+NO_LAMP = np.int32(-1)
+# Rays pass at most this many transparent surfaces in a row.
+MAX_TRANSPARENT = 256
+
+# Decisions of a path, as dimensions of the sampler: two for the camera, then these for each vertex.
+PIXEL, LENS, FIRST_VERTEX = 0, 1, 2
+LIGHT_CHOICE, LIGHT_POINT, LOBE, DIRECTION, ROULETTE, PASS, KIND, VERTEX_DECISIONS = 0, 1, 2, 3, 4, 5, 6, 7
+
+
+class Limits(NamedTuple):
+    """Where paths end. clamp_*: of a single contribution's mean over the channels; 0: none."""
+
+    max_bounces: np.int32
+    diffuse_bounces: np.int32
+    glossy_bounces: np.int32
+    clamp_direct: np.float32
+    clamp_indirect: np.float32
+
+
+class Tables(NamedTuple):
+    """Everything a path reads: see kernels/tables.py and the modules that build each table."""
+
+    geometry: tuple
+    lights: tuple
+    environment: tuple
+    tree: tuple
+    camera: np.ndarray
+    filter_table: np.ndarray
+    sampler: np.ndarray
+
+
+class RayMemory(NamedTuple):
+    """The thread's 96 bytes in which Embree finds a ray and leaves its hit; kernels/embree.py names the words.
+
+    floats, words  the same memory as (24,) float32 and as (24,) uint32
+    """
+
+    floats: np.ndarray
+    words: np.ndarray
+
+
+class Numbers(NamedTuple):
+    """Where a path's random numbers come from.
+
+    key, order  of the sample: see `start_sample`
+    dimension   of the vertex's first decision
+    """
+
+    key: np.uint32
+    order: np.uint32
+    dimension: np.int64
+
+
+class Ray(NamedTuple):
+    """A direction that was drawn, and all that decides which light counts along it.
+
+    p, n      where it was drawn, and the shading normal there
+    wi        unit
+    kind      CAMERA_RAY, DIFFUSE_RAY or GLOSSY_RAY
+    pdf       of wi; -1 for camera rays, with which no light sample competes
+    as_shadow constant: it meets the surfaces that shadow rays meet, see kernels/mis.py
+    """
+
+    p: tuple
+    n: tuple
+    wi: tuple
+    kind: np.uint32
+    pdf: np.float32
+    as_shadow: bool
+
+
+class Stretch(NamedTuple):
+    """The part of a ray that is yet to be followed.
+
+    t_near, t_far  metres from `start`
+    last_lamp      the lamp that it met last, or NO_LAMP
+    """
+
+    start: tuple
+    t_near: np.float32
+    t_far: np.float32
+    last_lamp: np.int32
+
+
+class Light(NamedTuple):
+    """What a path has gathered.
+
+    radiance    so far
+    throughput  how much of the radiance that is found next arrives at the camera
+    limit       what a single contribution is clamped to; 0: nothing
+    """
+
+    radiance: tuple
+    throughput: tuple
+    limit: np.float32
+
+
+class Vertex(NamedTuple):
+    """A point where a path is scattered.
+
+    p, n, ng  position, shading and geometric normal, both on wo's side as the mesh has them to each other
+    start     where rays that leave p begin
+    wo        unit, back along the path
+    surface   (kd, ks, exponent, probability of drawing the Phong lobe)
+    own       the emitter that p lies on, or -1
+    """
+
+    p: tuple
+    n: tuple
+    ng: tuple
+    start: tuple
+    wo: tuple
+    surface: tuple
+    own: np.int32
+
+
+class Bounces(NamedTuple):
+    """Scatterings so far. Kinds are counted only where `Features.ray_kinds` tells them apart."""
+
+    total: np.int64
+    diffuse: np.int64
+    glossy: np.int64
+
+
+@device
+def gather(f, light, found):
+    """`light` after the path has found this radiance. A clamped contribution keeps its hue."""
+    contribution = mul(light.throughput, found)
+    if f.clamp and light.limit > ZERO:
+        mean = average(contribution)
+        if mean > light.limit:
+            contribution = scale(contribution, light.limit / mean)
+    return Light(add(light.radiance, contribution), light.throughput, light.limit)
+
+
+@device
+def dimmed(light, factor):
+    """`light` where of what is found from here on this much arrives."""
+    return Light(light.radiance, mul(light.throughput, factor), light.limit)
+
+
+@device
+def material_color(geometry, material, word):
+    m = geometry.materials
+    return m[material, word], m[material, word + 1], m[material, word + 2]
