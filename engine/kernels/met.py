@@ -113,7 +113,7 @@ def _reach(f, ray):
     rays do, finds all of their light."""
     mask = SHADOW_RAY if ray.as_shadow else ray.kind
     if f.lamp_shapes and (f.shared_light or ray.as_shadow or ray.kind == CAMERA_RAY):
-        mask |= ray.kind << np.uint32(LAMP_SHIFT)
+        mask = np.uint32(mask | ray.kind << np.uint32(LAMP_SHIFT))
     return mask
 
 

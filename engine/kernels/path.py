@@ -85,10 +85,10 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
     """Follow one path. Returns (radiance, alpha, rays traced)."""
     key, order = start_sample(pixel_hash, index)
     numbers = Numbers(key, order, FIRST_VERTEX)
-    state = hash32(key ^ hash32(np.uint32(index)))  # the key alone is that of all samples of the pixel
+    state = hash32(np.uint32(key ^ hash32(np.uint32(index))))  # the key alone is that of all samples of the pixel
     ray, stretch = _camera_ray(f, tables, numbers, pixel_x, pixel_y)
     light, alpha, rays = Light(BLACK, WHITE, limits.clamp_direct), ONE, 0
-    bounces, passed, last = Bounces(0, 0, 0), 0, False
+    bounces, passed, last = Bounces(0, 0, 0), 0, np.bool_(False)  # a plain False would be a type of its own
     while True:
         met, light, last_lamp, more = follow(f, tables, memory, ray, stretch, light)
         rays += more

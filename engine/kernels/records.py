@@ -18,7 +18,7 @@ NO_LAMP = np.int32(-1)
 MAX_TRANSPARENT = 256
 
 # Decisions of a path, as dimensions of the sampler: two for the camera, then these for each vertex.
-PIXEL, LENS, FIRST_VERTEX = 0, 1, 2
+PIXEL, LENS, FIRST_VERTEX = np.int64(0), np.int64(1), np.int64(2)
 LIGHT_CHOICE, LIGHT_POINT, LOBE, DIRECTION, ROULETTE, PASS, KIND, VERTEX_DECISIONS = 0, 1, 2, 3, 4, 5, 6, 7
 
 

@@ -7,6 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+
+def words(*places: int) -> tuple[np.int64, ...]:
+    """Places in a row of a table. Not plain numbers: Numba compiles a function anew for each plain number that it is
+    called with."""
+    return tuple(np.int64(place) for place in places)
+
+
 # Rays as bits of Embree's masks: surfaces carry `Visibility`, the shapes of lamps the same bits shifted.
 CAMERA_RAY, DIFFUSE_RAY, GLOSSY_RAY, SHADOW_RAY = np.uint32(1), np.uint32(2), np.uint32(4), np.uint32(8)
 LAMP_SHIFT = 4
@@ -15,39 +22,24 @@ LAMP_SHIFT = 4
 BAKED_MESH, INSTANCED_MESH, LAMP_QUADS, LAMP_SPHERES = 0, 1, 2, 3
 
 # Words of a material.
-KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = 0, 3, 6, 7, 10, 16
+KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = words(0, 3, 6, 7, 10, 16)
 
 # Words of a lamp. RADIANCE holds W/sr where the lamp is a point. SIZE: half the lengths along x and y, or the radius.
 # TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that give the place from the middle in half lengths.
-POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = 0, 3, 6, 9, 12, 15
-TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = (
-    17,
-    18,
-    19,
-    20,
-    21,
-    30,
-    31,
-    32,
+POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = words(0, 3, 6, 9, 12, 15)
+TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = words(
+    17, 18, 19, 20, 21, 30, 31, 32
 )
 AREA = SPOT_COS  # of area lamps, m2
 
 # Words of a sun. AXIS points from the scene to the sun. ONE_MINUS_COS, COS and SIN of the half angle; 0: a direction.
 # IRRADIANCE: the luminance, on a plane that faces it; 0 if only the camera sees it.
 SUN_AXIS, SUN_RADIANCE, SUN_ONE_MINUS_COS, SUN_UNSHADOWED, SUN_MASK, SUN_IRRADIANCE, SUN_COS, SUN_SIN, SUN_WORDS = (
-    0,
-    3,
-    6,
-    7,
-    8,
-    9,
-    10,
-    11,
-    12,
+    words(0, 3, 6, 7, 8, 9, 10, 11, 12)
 )
 
 # Words of the world. IRRADIANCE: the four numbers of `environment_irradiance`, with the normal in world space.
-WORLD_COLOR, WORLD_MASK, WORLD_IRRADIANCE, WORLD_WORDS = 0, 3, 4, 8
+WORLD_COLOR, WORLD_MASK, WORLD_IRRADIANCE, WORLD_WORDS = words(0, 3, 4, 8)
 
 
 class Geometry(NamedTuple):

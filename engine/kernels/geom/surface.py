@@ -30,7 +30,12 @@ def find_surface(f, geometry, ray, words, wo):
     p, ng = _interpolate(a, b, c, u, v), cross(sub(b, a), sub(c, a))
     n = ng
     if f.smooth and geometry.normal_triangles[triangle, 0] != INVALID:
-        na, nb, nc = _normal(geometry, triangle, 0), _normal(geometry, triangle, 1), _normal(geometry, triangle, 2)
+        corners = geometry.normal_triangles
+        na, nb, nc = (
+            _normal(geometry, corners[triangle, 0]),
+            _normal(geometry, corners[triangle, 1]),
+            _normal(geometry, corners[triangle, 2]),
+        )
         n = _interpolate(na, nb, nc, u, v)
     material = geometry.triangle_slot[triangle]
     if f.instances and geometry.kind[outer] == INSTANCED_MESH:
@@ -74,8 +79,7 @@ def _interpolate(a, b, c, u, v):
 
 
 @device
-def _normal(geometry, triangle, corner):
-    i = geometry.normal_triangles[triangle, corner]
+def _normal(geometry, i):
     return geometry.normals[i, 0], geometry.normals[i, 1], geometry.normals[i, 2]
 
 

@@ -99,7 +99,7 @@ def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
         return no_sample()
     lamp_count = len(lights.lamp_kind)
     if f.mesh_emitters and (not f.lamp_kinds or emitter >= lamp_count):
-        triangle = lights.emitter_triangle[emitter - lamp_count]
+        triangle = np.int64(lights.emitter_triangle[emitter - lamp_count])
         if f.rectangle_emitters and is_rectangle(lights, emitter - lamp_count):
             corner, x, y = rectangle(lights, emitter - lamp_count)
             wi, t, pdf = sample_rectangle(p, corner, x, y, u1, u2)
@@ -193,7 +193,8 @@ def surface_seen_pdf(f, geometry, lights, emitter, p, wi, t):
     if f.rectangle_emitters and is_rectangle(lights, emitter - len(lights.lamp_kind)):
         corner, x, y = rectangle(lights, emitter - len(lights.lamp_kind))
         return rectangle_pdf(p, corner, x, y, wi, t)
-    a, b, c = triangle_vertices(geometry, lights.emitter_triangle[emitter - len(lights.lamp_kind)])
+    triangle = np.int64(lights.emitter_triangle[emitter - len(lights.lamp_kind)])
+    a, b, c = triangle_vertices(geometry, triangle)
     return triangle_pdf(p, a, b, c, cross(sub(b, a), sub(c, a)), wi, t)
 
 

@@ -35,6 +35,7 @@ CENTER, HALF_SIZE, POWER, AXIS, COS_O, SIN_O, COS_TOTAL, CHILD, TWO_SIDED, NODE_
 )
 
 LARGE = np.float32(1e30)  # so that a lamp thrown far out cannot drown its clusters in infinities
+ROOT = np.int32(0)
 # Rounding may put an emitter that touches its bounds beyond them: cones are widened by this, as a cosine.
 SLACK = np.float32(1e-5)
 
@@ -114,8 +115,8 @@ def tree_importance(tree, p, n):
     nothing can arrive."""
     nodes, child = tree.nodes, tree.integers[0, CHILD]
     if child < 0:
-        return _importance(nodes, 0, p, n)
-    return _importance(nodes, child, p, n) + _importance(nodes, child + 1, p, n)
+        return _importance(nodes, ROOT, p, n)
+    return _importance(nodes, child, p, n) + _importance(nodes, np.int32(child + 1), p, n)
 
 
 @device
@@ -128,10 +129,10 @@ def sample_tree(tree, p, n, u):
     nodes, integers = tree.nodes, tree.integers
     probability = ONE
     child = integers[0, CHILD]
-    if child < 0 and not _importance(nodes, 0, p, n) > ZERO:
+    if child < 0 and not _importance(nodes, ROOT, p, n) > ZERO:
         return np.int32(0), ZERO, u
     while child >= 0:
-        left, right = _importance(nodes, child, p, n), _importance(nodes, child + 1, p, n)
+        left, right = _importance(nodes, child, p, n), _importance(nodes, np.int32(child + 1), p, n)
         total = left + right
         if not total > ZERO:
             return np.int32(0), ZERO, u
@@ -156,9 +157,9 @@ def tree_probability(tree, emitter, p, n):
     path = tree.paths[emitter]
     child = integers[0, CHILD]
     if child < 0:
-        return ONE if _importance(nodes, 0, p, n) > ZERO else ZERO
+        return ONE if _importance(nodes, ROOT, p, n) > ZERO else ZERO
     while child >= 0:
-        left, right = _importance(nodes, child, p, n), _importance(nodes, child + 1, p, n)
+        left, right = _importance(nodes, child, p, n), _importance(nodes, np.int32(child + 1), p, n)
         total = left + right
         if not total > ZERO:
             return ZERO

@@ -58,7 +58,8 @@ def reverse_bits(x):
 @device
 def hash_pixel(x, y, seed):
     """What makes this pixel's numbers its own: a uint32 for integers x, y and the render's seed."""
-    return hash32(np.uint32(x) + hash32(np.uint32(y) + hash32(np.uint32(seed))))
+    line = hash32(np.uint32(np.uint32(y) + hash32(np.uint32(seed))))
+    return hash32(np.uint32(np.uint32(x) + line))
 
 
 @device
@@ -85,7 +86,7 @@ def sample_2d(table, key, order, dimension):
     first = hash32(np.uint32(key + np.uint32(dimension) * _GOLDEN))
     second = np.uint32(first * _SECOND)
     point = table[dimension & _PAIR_MASK, _shuffle(order, first) >> _INDEX_SHIFT]
-    return to_unit((point & _HIGH) ^ first), to_unit(np.uint32(point << _16) ^ second)
+    return to_unit(np.uint32((point & _HIGH) ^ first)), to_unit(np.uint32(np.uint32(point << _16) ^ second))
 
 
 @device
@@ -93,7 +94,7 @@ def sample_1d(table, key, order, dimension):
     """One number in (0, 1) for this decision of the path: the first of `sample_2d`."""
     first = hash32(np.uint32(key + np.uint32(dimension) * _GOLDEN))
     point = table[dimension & _PAIR_MASK, _shuffle(order, first) >> _INDEX_SHIFT]
-    return to_unit((point & _HIGH) ^ first)
+    return to_unit(np.uint32((point & _HIGH) ^ first))
 
 
 def build_sobol_table(seed: int = 0) -> np.ndarray:
