@@ -41,15 +41,16 @@ def validate_scene(scene: Scene) -> None:
     """Raises SceneError for the first thing in `scene` that cannot be rendered."""
     _check_picture(scene)
     _check_camera(scene.camera)
+    extents = np.zeros((len(scene.meshes), 3))
     for index, mesh in enumerate(scene.meshes):
         try:
-            _check_mesh(mesh)
+            extents[index] = _check_mesh(mesh)
         except SceneError as error:
             raise SceneError(_owner(scene.instances, index, mesh.name) + str(error)) from None
     for material in scene.materials:
         _check_material(material)
     _check_instances(scene.instances, len(scene.meshes), scene.materials)
-    _check_reach(scene.instances, scene.meshes)
+    _check_reach(scene.instances, extents)
     for light in scene.lights:
         _check_light(light)
     _check_world(scene.world)
@@ -99,14 +100,16 @@ def _check_camera(camera: Camera | None) -> None:
         raise SceneError(f"the camera: its aperture rotation is {lens.rotation}, set it to a number")
 
 
-def _check_mesh(mesh: Mesh) -> None:
+def _check_mesh(mesh: Mesh) -> np.ndarray:
+    """Gives back how far the mesh reaches from its own origin, (3,)."""
     _check_array("mesh", mesh.name, "vertices", mesh.vertices, (None, 3), np.float32)
     _check_array("mesh", mesh.name, "triangles", mesh.triangles, (None, 3), np.uint32)
-    bad = _first_bad_row(mesh.vertices)
-    if bad is not None:
-        where = ", ".join(f"{x:g}" for x in mesh.vertices[bad])
+    extent = np.abs(mesh.bounds()).max(axis=0)
+    if not np.all(np.isfinite(extent)):
+        vertex = int(np.argmin(np.isfinite(mesh.vertices).all(axis=1)))
+        where = ", ".join(f"{x:g}" for x in mesh.vertices[vertex])
         raise scene_error(
-            "mesh", mesh.name, f"vertex {bad} is at ({where}); remove it, or the modifier or driver that made it"
+            "mesh", mesh.name, f"vertex {vertex} is at ({where}); remove it, or the modifier or driver that made it"
         )
     _check_indices(mesh, "triangles", mesh.triangles, len(mesh.vertices), "vertices")
     faces = len(mesh.triangles)
@@ -125,6 +128,7 @@ def _check_mesh(mesh: Mesh) -> None:
         _check_array("mesh", mesh.name, "material_slots", mesh.material_slots, (faces,), np.int32)
         if faces and mesh.material_slots.min() < 0:
             raise scene_error("mesh", mesh.name, f"a face has the material slot {mesh.material_slots.min()}, below 0")
+    return extent
 
 
 def _owner(instances: Instances, mesh: int, name: str) -> str:
@@ -135,13 +139,12 @@ def _owner(instances: Instances, mesh: int, name: str) -> str:
     return f"object {instances.object_names[number]!r}, " if known else ""
 
 
-def _check_reach(instances: Instances, meshes: Sequence[Mesh]) -> None:
+def _check_reach(instances: Instances, extents: np.ndarray) -> None:
     """Products of far coordinates overflow float32: the object would be drawn black or be missing without a word.
     Bounds of boxes, so a box that reaches out may be refused for a mesh that just doesn't."""
     if not len(instances):
         return
-    extent = np.array([np.abs(mesh.bounds()).max(axis=0) for mesh in meshes], np.float64)
-    moved = np.einsum("nij,nj->ni", np.abs(instances.transforms[:, :, :3]), extent[instances.mesh])
+    moved = np.einsum("nij,nj->ni", np.abs(instances.transforms[:, :, :3]), extents[instances.mesh])
     reach = (moved + np.abs(instances.transforms[:, :, 3])).max(axis=1)
     far = int(np.argmax(reach))
     if reach[far] > MAX_REACH:

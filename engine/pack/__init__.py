@@ -6,6 +6,7 @@ This is the only module that knows both sides: the scene description above and t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,6 +20,10 @@ from ..scene import Scene
 from ..settings import CHOICES, Settings
 from .geometry import pack_geometry
 from .lights import pack_lights
+
+# The same from render to render.
+filter_table = lru_cache(4)(build_filter_table)
+sobol_table = lru_cache(4)(build_sobol_table)
 
 
 @dataclass
@@ -65,7 +70,7 @@ def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Pa
         environment=lights.environment,
         tree=lights.tree,
         camera=pack_camera(camera, scene.width, scene.height),
-        filter_table=build_filter_table(settings.pixel_filter, settings.filter_width),
-        sampler=build_sobol_table(settings.seed),
+        filter_table=filter_table(settings.pixel_filter, settings.filter_width),
+        sampler=sobol_table(settings.seed),
         accel=accel,
     )
