@@ -22,6 +22,9 @@ _TRIANGLE, _SPHERE_POINT, _INSTANCE_ARRAY = 0, 50, 122
 _INDEX, _VERTEX, _TRANSFORM = 0, 1, 23
 _UINT3, _FLOAT3, _FLOAT4, _FLOAT3X4_ROW_MAJOR = 0x5003, 0x9003, 0x9004, 0x9134
 _BUILD_QUALITY_MEDIUM = 1
+# Rays don't slip between neighbouring triangles. Costs 5 to 17 % of the time; without it one in a million does, and
+# where a dark room has a bright sky outside that is a firefly.
+_SCENE_FLAG_ROBUST = 4
 
 _SIGNATURES = {
     "rtcNewDevice": (_P, [ctypes.c_char_p]),
@@ -30,6 +33,7 @@ _SIGNATURES = {
     "rtcReleaseScene": (None, [_P]),
     "rtcCommitScene": (None, [_P]),
     "rtcSetSceneBuildQuality": (None, [_P, ctypes.c_int]),
+    "rtcSetSceneFlags": (None, [_P, ctypes.c_int]),
     "rtcSetSceneProgressMonitorFunction": (None, [_P, _P, _P]),
     "rtcAttachGeometry": (_U, [_P, _P]),
     "rtcNewGeometry": (_P, [_P, ctypes.c_int]),
@@ -125,6 +129,7 @@ class Accel:
         scene = library.rtcNewScene(device())
         self._scenes.append(scene)
         library.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_MEDIUM)
+        library.rtcSetSceneFlags(scene, _SCENE_FLAG_ROBUST)
         return scene
 
     def _attach(self, scene: int, geometry: int, mask: int) -> None:
