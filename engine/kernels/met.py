@@ -7,7 +7,7 @@ import numpy as np
 from ..features import DARK_WORLD, DISK, IMAGE_WORLD
 from .embree import GEOM_ID, INST_ID, INVALID, NORMAL, PRIM_ID, TFAR, bits_of, float_of, intersect, occluded
 from .geom.surface import find_surface, offset_origin
-from .geom.vec import BLACK, FAR, ONE, ZERO, add, add_scaled, dot, is_black, length, negate, scale, sub
+from .geom.vec import BLACK, FAR, ONE, ZERO, add_scaled, dot, is_black, length, negate, scale, sub
 from .jit import device
 from .light.emitters import (
     emission,
@@ -38,7 +38,7 @@ def follow(f, tables, memory, ray, stretch, light):
         if not intersect(
             geometry.accel[0], memory.floats, memory.words, stretch.start, wi, t_near, stretch.t_far, mask
         ):
-            return False, gather(f, light, _escaped(f, tables, ray)), last_lamp, rays
+            return False, _escaped(f, tables, ray, light), last_lamp, rays
         if not (f.lamp_shapes and _is_lamp(f, geometry, memory.words)):
             return True, light, last_lamp, rays
         lamp = _lamp_of_hit(geometry, tables.lights, memory.words)
@@ -125,20 +125,19 @@ def _past(t):
 
 
 @device
-def _escaped(f, tables, ray):
-    """Radiance of suns and of the world for a ray that left the scene. A transparent film shows no world."""
-    radiance = BLACK
+def _escaped(f, tables, ray, light):
+    """`light` with that of suns and of the world for a ray that left the scene. A transparent film shows no world."""
     shares = NO_SHARES
     if f.world == IMAGE_WORLD or f.sun_disks:
         shares = group_shares(f, tables.lights, tables.tree, ray.p, ray.n)
     if f.world != DARK_WORLD and not (f.transparent_film and ray.kind == CAMERA_RAY):
         seen, pdf = world_seen(f, tables.lights, shares, tables.environment, ray.wi, ray.kind)
-        radiance = scale(seen, met_light_weight(f, ray, pdf))
+        light = gather(f, light, scale(seen, met_light_weight(f, ray, pdf)))
     if f.sun_disks:
         for i in range(len(tables.lights.suns)):
             seen, pdf = sun_seen_pdf(f, tables.lights, shares, i, ray.n, ray.wi, ray.kind)
-            radiance = add(radiance, scale(seen, met_light_weight(f, ray, pdf)))
-    return radiance
+            light = gather(f, light, scale(seen, met_light_weight(f, ray, pdf)))
+    return light
 
 
 @device

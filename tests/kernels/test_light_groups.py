@@ -17,7 +17,7 @@ from engine.kernels.light.groups import LEAST_SHARE, group_shares
 from engine.kernels.light.sun import sun_probability
 from engine.kernels.tables import DIFFUSE_RAY
 from engine.pack import Packed, pack
-from engine.pack.lights import _spot_reach
+from engine.pack.emitters import spot_reach
 from engine.scene import PointLight, SpotLight, SunLight
 
 FLOOR, UP = (0.3, -0.2, 0.0), (0.0, 0.0, 1.0)
@@ -184,6 +184,6 @@ def test_the_reach_of_a_spot_holds_its_whole_cone():
         axis = -matrix[:, 2] / np.linalg.norm(matrix[:, 2])
         widest = np.arccos(np.clip(axis @ world / np.linalg.norm(world, axis=0), -1, 1)).max()
         light = SpotLight("spot", np.column_stack([matrix, np.zeros(3)]), half_angle=half)
-        slack.append(_spot_reach(light) - widest)
+        slack.append(spot_reach(light) - widest)
     assert min(slack) > -1e-9
     assert abs(slack[0]) < 1e-4, "exact without a shear"

@@ -1,0 +1,160 @@
+"""What the light tree is built from: bounds, orientation and power of lamps and of emissive surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..features import ELLIPSE, RECTANGLE
+from ..kernels import tables as t
+from ..kernels.geom.vec import LUMINANCE
+from ..lighttree import build_light_tree
+from ..scene import AreaLight, Lamp, SpotLight, Visibility
+from .geometry import PackedGeometry
+from .lamps import corners_of
+
+SCATTERED_RAYS = Visibility.DIFFUSE | Visibility.GLOSSY
+# How far, in parts of its size, two triangles may be off a rectangle and still be sampled as one.
+RECTANGLE_TOLERANCE = 1e-5
+
+
+@dataclass
+class Emitters:
+    """What the light tree is built from; the meaning of each array is in engine/lighttree.py."""
+
+    bounds: np.ndarray
+    axis: np.ndarray
+    theta_o: np.ndarray
+    theta_e: np.ndarray
+    power: np.ndarray
+    two_sided: np.ndarray
+
+
+def mesh_emitters(packed: PackedGeometry, lamp_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Emitters]:
+    """Emissive surfaces with an area: the triangle of each emitter, its rectangle, the emitter of every triangle, and
+    what the tree needs. Two triangles that make a rectangle are one emitter."""
+    geometry = packed.tables
+    glows = np.any(geometry.materials[:, t.EMISSION : t.EMISSION + 3] > 0, axis=1)
+    lit = (
+        np.flatnonzero(glows[geometry.triangle_slot[: packed.baked_count]]) if np.any(glows) else np.zeros(0, np.int64)
+    )
+    corners = geometry.vertices[geometry.triangles[lit]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_area = np.linalg.norm(normals, axis=1)
+    keep = double_area > 0
+    lit, corners, normals, double_area = lit[keep], corners[keep], normals[keep], double_area[keep]
+
+    first, rectangles = _rectangles(geometry, lit)
+    second = first + 1
+    alone = np.ones(len(lit), bool)
+    alone[second] = False
+    emitter = np.cumsum(alone) - 1
+    of_triangle = np.zeros(0, np.int32)
+    if len(lit):
+        of_triangle = np.full(len(geometry.triangles), -1, np.int32)
+        of_triangle[lit] = lamp_count + emitter
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    low[first], high[first] = np.minimum(low[first], low[second]), np.maximum(high[first], high[second])
+    power = geometry.materials[geometry.triangle_slot[lit], t.EMISSION : t.EMISSION + 3] @ LUMINANCE * double_area / 2
+    power[first] += power[second]
+    power[(packed.visibility[lit] & int(SCATTERED_RAYS)) == 0] = 0  # only the camera sees it
+    shape = np.zeros((int(alone.sum()), 9), np.float32)
+    shape[emitter[first]] = rectangles
+    emitters = Emitters(
+        bounds=np.concatenate([low, high], axis=1)[alone].reshape(-1, 6),
+        axis=(normals / double_area[:, None])[alone].reshape(-1, 3),
+        theta_o=np.zeros(len(shape)),
+        theta_e=np.full(len(shape), np.pi / 2),
+        power=power[alone],
+        two_sided=np.ones(len(shape), np.bool_),
+    )
+    return lit[alone].astype(np.uint32), shape if len(first) else shape[:0], of_triangle, emitters
+
+
+def _rectangles(geometry: t.Geometry, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours in `lit` that make a rectangle: (places of the first of each two, (R, 9) corner and two edges)."""
+    one, two = geometry.triangles[lit[:-1]].astype(np.int64), geometry.triangles[lit[1:]].astype(np.int64)
+    shared = (one[:, :, None] == two[:, None, :]).any(axis=2)  # corners of the first that the second has too
+    candidates = (
+        (lit[1:] == lit[:-1] + 1)
+        & (geometry.triangle_slot[lit[1:]] == geometry.triangle_slot[lit[:-1]])
+        & (shared.sum(axis=1) == 2)
+    )
+    row = np.arange(len(one))
+    apex = np.argmin(shared, axis=1)
+    corner = geometry.vertices[one[row, apex]].astype(np.float64)
+    edge_x = geometry.vertices[one[row, (apex + 1) % 3]] - corner
+    edge_y = geometry.vertices[one[row, (apex + 2) % 3]] - corner
+    opposite = np.argmin((two[:, :, None] == one[:, None, :]).any(axis=2), axis=1)
+    far = geometry.vertices[two[row, opposite]] - corner
+    size = np.linalg.norm(edge_x, axis=1) + np.linalg.norm(edge_y, axis=1)
+    candidates &= np.linalg.norm(edge_x + edge_y - far, axis=1) < RECTANGLE_TOLERANCE * size
+    candidates &= np.abs(np.sum(edge_x * edge_y, axis=1)) < RECTANGLE_TOLERANCE * size**2
+    first: list[int] = []
+    for place in np.flatnonzero(candidates):
+        if not first or place > first[-1] + 1:
+            first.append(int(place))
+    chosen = np.array(first, np.int64)
+    return chosen, np.concatenate([corner, edge_x, edge_y], axis=1)[chosen].astype(np.float32).reshape(-1, 9)
+
+
+def lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Emitters:
+    """Bounds, orientation and power of the lamps. Power in the unit of the emissive triangles': radiance x area."""
+    count = len(local)
+    zero = np.zeros(count)
+    out = Emitters(
+        np.zeros((count, 6)), np.zeros((count, 3)), zero.copy(), zero.copy(), zero.copy(), np.zeros(count, np.bool_)
+    )
+    for i, (light, row) in enumerate(zip(local, rows, strict=True)):
+        center = row[t.POSITION : t.POSITION + 3].astype(np.float64)
+        radiance = float(row[t.RADIANCE : t.RADIANCE + 3] @ LUMINANCE)
+        out.axis[i] = row[t.AXIS : t.AXIS + 3]
+        if kinds[i] & (RECTANGLE | ELLIPSE):
+            corners = corners_of(row)
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            out.theta_e[i] = light.spread / 2 if isinstance(light, AreaLight) else np.pi / 2
+            out.power[i] = radiance * float(row[t.AREA]) * max(float(row[t.TAN_SPREAD] * row[t.SPREAD_NORM]), 1.0)
+        else:
+            radius = float(row[t.SIZE])
+            low, high = center - radius, center + radius
+            out.theta_o[i] = 0 if isinstance(light, SpotLight) else np.pi
+            # Seen from the side of a wide lamp the cone's rim shines beyond its angle: keep it conservative.
+            out.theta_e[i] = spot_reach(light) if isinstance(light, SpotLight) else np.pi / 2
+            out.power[i] = radiance * (np.pi * radius**2 if radius > 0 else 1)
+        if not light.visibility & SCATTERED_RAYS:
+            out.power[i] = 0  # only the camera sees it
+        out.bounds[i] = [*low, *high]
+    return out
+
+
+def spot_reach(light: SpotLight) -> float:
+    """No less than the widest angle off the axis at which the cone shines, in world space, where scale and shear may
+    have bent it.
+
+    A direction of the cone's rim is M (z + e tan(half angle)) with a unit e across z: its part across the axis is at
+    most the largest singular value of M's x and y columns without their parts along the axis, times the tangent; its
+    part along the axis is the length of M z, less at most those parts.
+    """
+    matrix = np.asarray(light.transform, np.float64)[:, :3]
+    if np.linalg.matrix_rank(matrix) < 3:
+        return np.pi
+    length = float(np.linalg.norm(matrix[:, 2]))
+    axis, across = matrix[:, 2] / length, matrix[:, :2]
+    along = axis @ across
+    widest = np.linalg.norm(across - axis[:, None] * along, 2)
+    tangent = np.tan(min(light.half_angle, np.pi / 2 - 1e-6))
+    least = length - tangent * float(np.linalg.norm(along))
+    return float(np.arctan(tangent * widest / least)) if least > 0 else np.pi
+
+
+def choice_tree(e: Emitters, groups: int) -> tuple:
+    """A single emitter needs no tree where there is nothing else to choose; an empty one has the same type."""
+    used = slice(None) if len(e.power) > 1 or groups > 1 else slice(0, 0)
+    return build_light_tree(
+        e.bounds[used], e.axis[used], e.theta_o[used], e.theta_e[used], e.power[used], e.two_sided[used]
+    )
+
+
+def join_emitters(a: Emitters, b: Emitters) -> Emitters:
+    return Emitters(*(np.concatenate([getattr(a, f.name), getattr(b, f.name)]) for f in fields(Emitters)))

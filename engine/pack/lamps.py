@@ -1,0 +1,144 @@
+"""Point, spot and area lamps to rows of the lamp table, and the shapes by which rays meet them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..accel import SphereGeometry, TriangleGeometry
+from ..features import DISK, ELLIPSE, POINT, RECTANGLE, SPHERE, SPOT
+from ..kernels import tables as t
+from ..scene import AreaLight, Lamp, PointLight, SpotLight, Visibility
+from ..validate import SMALLEST_SIZE
+from .geometry import VERTEX_PADDING
+
+RAYS_THAT_SEE = Visibility.CAMERA | Visibility.DIFFUSE | Visibility.GLOSSY
+# Below this half spread, 1 / (tan h - h) cancels in float64: its series is 3 / h^3. Its cube must fit float32.
+SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
+# Lamps coincide if their shapes do up to this power of two of their largest coordinate.
+COINCIDENT_BITS = 18
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(v)
+    return v / length if length > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def pack_point(row: np.ndarray, light: PointLight) -> int:
+    """Point, sphere, disk and spot lamps. Returns the kind."""
+    matrix = np.asarray(light.transform, np.float64)
+    row[t.POSITION : t.POSITION + 3] = matrix[:, 3]
+    row[t.AXIS : t.AXIS + 3] = -unit(matrix[:, 2])
+    radius = light.radius if light.radius >= SMALLEST_SIZE else 0.0
+    row[t.SIZE : t.SIZE + 2] = radius
+    intensity = np.asarray(light.intensity, np.float64)
+    if radius > 0:
+        kind = DISK if light.soft_falloff else SPHERE
+        row[t.RADIANCE : t.RADIANCE + 3] = intensity / (np.pi * radius**2)
+    else:
+        kind = POINT
+        row[t.RADIANCE : t.RADIANCE + 3] = intensity
+    if isinstance(light, SpotLight):
+        kind |= SPOT
+        cos_half = np.cos(light.half_angle)
+        row[t.SPOT_COS] = cos_half
+        # smoothstep clamps, so a huge finite factor is the hard edge that blend = 0 asks for.
+        row[t.SPOT_SCALE] = min(1 / max((1 - cos_half) * light.blend, 1e-12), 1e12)
+        row[t.TO_LOCAL : t.TO_LOCAL + 9] = np.linalg.pinv(matrix[:, :3]).ravel()
+    return kind
+
+
+def pack_area(row: np.ndarray, light: AreaLight) -> int:
+    """Rectangle and ellipse lamps. Returns the kind.
+
+    The lamp is the image of the square or disk under its matrix, shear and all: it lies in the plane of the two axes
+    and shines to the side where the local -z points. Cycles takes the axes likewise, but the -z column itself for the
+    normal, which under a shear is none.
+    """
+    matrix = np.asarray(light.transform, np.float64)
+    x, y = matrix[:, 0] * light.size_x, matrix[:, 1] * light.size_y
+    row[t.POSITION : t.POSITION + 3] = matrix[:, 3]
+    row[t.AXIS_X : t.AXIS_X + 3] = unit(x)
+    row[t.AXIS_Y : t.AXIS_Y + 3] = unit(y)
+    across = np.cross(x, y)
+    row[t.AXIS : t.AXIS + 3] = unit(-across if across @ matrix[:, 2] >= 0 else across)
+    row[t.AREA] = np.linalg.norm(across) * (np.pi / 4 if light.ellipse else 1)
+    row[t.TO_LOCAL : t.TO_LOCAL + 6] = np.linalg.pinv(np.column_stack([x / 2, y / 2])).ravel()
+    row[t.RADIANCE : t.RADIANCE + 3] = light.radiance
+    row[t.SIZE], row[t.SIZE + 1] = np.linalg.norm(x) / 2, np.linalg.norm(y) / 2
+    half = light.spread / 2
+    if half < np.pi / 2 - 1e-6:
+        row[t.TAN_SPREAD] = np.tan(half)
+        row[t.SPREAD_NORM] = 1 / (np.tan(half) - half) if half > SMALL_SPREAD else 3 / max(half, SMALLEST_SPREAD) ** 3
+    return ELLIPSE if light.ellipse else RECTANGLE
+
+
+def coincident(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lamps with the same shape at the same place, as copies of a lamp or two back to back: a ray meets only one.
+
+    Returns (the next such lamp of each, -1: none; whether it is the first; the visibility of all of them).
+    """
+    twin, is_first = np.full(len(local), -1, np.int32), np.ones(len(local), np.bool_)
+    masks = np.array([int(light.visibility & RAYS_THAT_SEE) for light in local], np.int64)
+    last: dict[tuple, tuple[int, int]] = {}
+    for i, row in enumerate(rows):
+        if kinds[i] & POINT:
+            continue
+        place = _place(kinds[i], row)
+        first, previous = last.get(place, (i, -1))
+        if previous >= 0:
+            twin[previous], is_first[i] = i, False
+            masks[first] |= masks[i]
+        last[place] = first, i
+    return twin, is_first, masks
+
+
+def _place(kind: int, row: np.ndarray) -> tuple:
+    """The lamp's shape, the same for lamps that only rounding tells apart."""
+    flat = bool(kind & (RECTANGLE | ELLIPSE))
+    points = corners_of(row) if flat else np.array([[*row[t.POSITION : t.POSITION + 3], row[t.SIZE]]], np.float64)
+    # A power of two: so round numbers lie in the middle of what is rounded to them.
+    step = 2.0 ** np.floor(np.log2(max(np.abs(points).max() * 1.001, 1e-30)) - COINCIDENT_BITS)
+    return flat, step, *sorted(tuple(p) for p in np.round(points / step).astype(np.int64).tolist())
+
+
+def lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
+    """Embree geometries of the lamps that some ray can meet, by visibility (0: no ray meets it).
+
+    Returns (shapes, kind of each, base of each, lamp of each quad, lamp of each sphere).
+    """
+    shapes: list[TriangleGeometry | SphereGeometry] = []
+    shape_kind: list[int] = []
+    shape_base: list[int] = []
+    of_quad: list[int] = []
+    of_sphere: list[int] = []
+    for mask in np.unique(masks[masks > 0]):
+        quads = np.flatnonzero((masks == mask) & ((kinds & (RECTANGLE | ELLIPSE)) != 0))
+        quads = quads[np.all(rows[quads, t.SIZE : t.SIZE + 2] > 0, axis=1)]
+        if len(quads):
+            shapes.append(_quads(np.array([corners_of(rows[i]) for i in quads]), int(mask) << t.LAMP_SHIFT))
+            shape_kind.append(t.LAMP_QUADS)
+            shape_base.append(len(of_quad))
+            of_quad.extend(quads)
+        spheres = np.flatnonzero((masks == mask) & ((kinds & (SPHERE | DISK)) != 0))
+        if len(spheres):
+            points = np.ascontiguousarray(rows[spheres][:, [t.POSITION, t.POSITION + 1, t.POSITION + 2, t.SIZE]])
+            shapes.append(SphereGeometry(points, int(mask) << t.LAMP_SHIFT))
+            shape_kind.append(t.LAMP_SPHERES)
+            shape_base.append(len(of_sphere))
+            of_sphere.extend(spheres)
+    return shapes, shape_kind, shape_base, np.array(of_quad, np.int32), np.array(of_sphere, np.int32)
+
+
+def corners_of(row: np.ndarray) -> np.ndarray:
+    center = row[t.POSITION : t.POSITION + 3].astype(np.float64)
+    x = row[t.AXIS_X : t.AXIS_X + 3] * float(row[t.SIZE])
+    y = row[t.AXIS_Y : t.AXIS_Y + 3] * float(row[t.SIZE + 1])
+    return np.array([center - x - y, center + x - y, center + x + y, center - x + y])
+
+
+def _quads(corners: np.ndarray, mask: int) -> TriangleGeometry:
+    """corners (Q, 4, 3): two triangles each."""
+    vertices = np.zeros((4 * len(corners) + VERTEX_PADDING, 3), np.float32)
+    vertices[:-VERTEX_PADDING] = corners.reshape(-1, 3)
+    first = 4 * np.arange(len(corners))[:, None, None]
+    return TriangleGeometry(vertices, (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3).astype(np.uint32), mask)
