@@ -157,6 +157,7 @@ class Accel:
         raise TypeError(f"unknown geometry {geometry!r}")
 
     def _share(self, geometry: int, buffer: int, layout: int, array: np.ndarray) -> None:
+        assert array.flags.c_contiguous, "Embree reads items that lie one after the other"
         self._keep.append(array)
         library.rtcSetSharedGeometryBuffer(
             geometry, buffer, 0, layout, array.ctypes.data, 0, array.strides[0], len(array)

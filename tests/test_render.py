@@ -111,6 +111,20 @@ def test_baked_and_instanced_give_the_same_picture(monkeypatch):
     assert np.abs(instanced.pixels - baked).mean() < 0.01 * baked.mean()
 
 
+def test_instances_whose_matrices_lie_transposed_in_memory(monkeypatch):
+    """As Blender hands them out."""
+    import engine.pack.geometry as packing
+
+    monkeypatch.setattr(packing, "BAKE_LIMIT", 0)
+    scene = scenes.phong_plates(32)
+    for x in (-1.0, 0.0, 1.0):
+        scene.add_instance(scenes.sphere_mesh(8, name="ball"), scenes.place((x, -0.5, 0.6), scale=(0.2, 0.3, 0.2)))
+    expected = picture(scene)
+    rows = scene.instances.transforms
+    scene.instances.transforms = np.ascontiguousarray(rows.transpose(0, 2, 1)).transpose(0, 2, 1)
+    assert np.array_equal(picture(scene), expected)
+
+
 def test_transparent_film_has_no_alpha_where_nothing_is():
     scene = scenes.lamp_room(["point"], 32)
     scene.transparent_film = True

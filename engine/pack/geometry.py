@@ -261,7 +261,7 @@ def _moved_origin(transforms: np.ndarray, center: np.ndarray) -> np.ndarray:
     once."""
     moved = np.array(transforms, np.float64)
     moved[:, :, 3] += moved[:, :, :3] @ center
-    return moved.astype(np.float32)
+    return own(moved, np.float32)
 
 
 def _transform(points: np.ndarray, linear: np.ndarray, origin: np.ndarray, out: np.ndarray) -> None:
