@@ -7,6 +7,7 @@ kernels only get the address of the top scene.
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,6 +49,7 @@ for _name, (_result, _arguments) in _SIGNATURES.items():
     _function.restype, _function.argtypes = _result, _arguments
 
 _device: int | None = None
+_device_lock = threading.Lock()
 
 
 class BuildStopped(Exception):
@@ -57,11 +59,12 @@ class BuildStopped(Exception):
 def device() -> int:
     """The one Embree device of this process."""
     global _device
-    if _device is None:
-        _device = library.rtcNewDevice(None)
+    with _device_lock:
+        if _device is None:
+            _device = library.rtcNewDevice(None)
         if not _device:
             raise LobeError("Embree could not start on this processor")
-    return _device
+        return _device
 
 
 def _check(what: str) -> None:
@@ -175,8 +178,9 @@ class Accel:
         return geometry
 
     def _instance_geometry(self, g: InstanceGeometry) -> int:
+        scene = self._mesh_scene(g.mesh)
         geometry = library.rtcNewGeometry(device(), _INSTANCE_ARRAY)
-        library.rtcSetGeometryInstancedScene(geometry, self._mesh_scene(g.mesh))
+        library.rtcSetGeometryInstancedScene(geometry, scene)
         self._share(geometry, _TRANSFORM, _FLOAT3X4_ROW_MAJOR, g.transforms)
         return geometry
 

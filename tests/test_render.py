@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scenes
 
-from engine import AreaLight, Material, SceneError, Settings, SettingsError, Visibility, World, render
+from engine import AreaLight, Material, Scene, SceneError, Settings, SettingsError, Visibility, World, render
 from engine.accel import Accel, BuildStopped
 from engine.kernels.embree import is_finite
 from engine.kernels.jit import kernel
@@ -123,6 +123,25 @@ def test_instances_whose_matrices_lie_transposed_in_memory(monkeypatch):
     rows = scene.instances.transforms
     scene.instances.transforms = np.ascontiguousarray(rows.transpose(0, 2, 1)).transpose(0, 2, 1)
     assert np.array_equal(picture(scene), expected)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.3, 1.1])
+def test_lamp_in_the_plane_of_a_ceiling_makes_no_hole(turned):
+    """A dim lamp in the ceiling of a closed box, and a bright sky outside."""
+    cos, sin = np.cos(turned), np.sin(turned)
+    turn = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
+
+    def turned_too(matrix):
+        return np.column_stack([turn @ matrix[:, :3], turn @ matrix[:, 3] + (0.7, -1.3, 2.1)])
+
+    camera = scenes.camera((0.1, 0.2, -1.0), (0.2, 0.13, 1.0), half_width=0.12)
+    camera.transform[:] = turned_too(camera.transform)
+    scene = Scene(camera=camera, width=32, height=32, materials=[Material("wall", kd=(0.5,) * 3)])
+    scene.add_instance(scenes.cube_mesh(2.0), turned_too(np.eye(3, 4)))
+    place = turned_too(scenes.place((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
+    scene.lights = [AreaLight("lamp", place, radiance=(1e-3,) * 3, size_x=3.0, size_y=3.0)]
+    scene.world = World(color=(100.0,) * 3)
+    assert picture(scene, samples=16, max_bounces=0)[..., :3].max() < 2e-3
 
 
 def test_transparent_film_has_no_alpha_where_nothing_is():

@@ -19,6 +19,7 @@ from pathlib import Path
 import embreex
 import llvmlite
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 
 KERNEL_FOLDER = Path(__file__).resolve().parent
 KEPT_VERSIONS = 3  # of the kernels: going back to the version before doesn't compile again
@@ -117,22 +118,24 @@ _OPTIONS = {
 @contextlib.contextmanager
 def _own_cache() -> Iterator[None]:
     """Numba looks up its cache folder when a function is decorated. Other add-ons' functions keep their own."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(CACHE_FOLDER)
-    try:
-        yield
-    finally:
-        numba.config.CACHE_DIR = before
+    with global_compiler_lock:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(CACHE_FOLDER)
+        try:
+            yield
+        finally:
+            numba.config.CACHE_DIR = before
 
 
 @contextlib.contextmanager
 def _light_optimisation() -> Iterator[None]:
-    before = numba.config.OPT
-    numba.config.OPT = 1
-    try:
-        yield
-    finally:
-        numba.config.OPT = before
+    with global_compiler_lock:
+        before = numba.config.OPT
+        numba.config.OPT = 1
+        try:
+            yield
+        finally:
+            numba.config.OPT = before
 
 
 def device(function):

@@ -24,6 +24,9 @@ from .mis import met_light_weight
 from .records import MAX_TRANSPARENT, NO_LAMP, Light, Ray, Stretch, dimmed, gather, material_color
 from .tables import CAMERA_RAY, LAMP_MASK, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
 
+# Floats between a lamp that was met and where the rest of the ray starts.
+STEPS_PAST = np.int32(4)
+
 
 @device
 def follow(f, tables, memory, ray, stretch, light):
@@ -41,17 +44,25 @@ def follow(f, tables, memory, ray, stretch, light):
             return False, _escaped(f, tables, ray, light), last_lamp, rays
         if not (f.lamp_shapes and _is_lamp(f, geometry, memory.words)):
             return True, light, last_lamp, rays
-        lamp = _lamp_of_hit(geometry, tables.lights, memory.words)
-        t_near = _past(memory.floats[TFAR])
+        lamp, t_hit = _lamp_of_hit(geometry, tables.lights, memory.words), memory.floats[TFAR]
+        t_near = _neighbour(t_hit, STEPS_PAST)
         # Far from the world's origin t is too coarse to leave a lamp behind: meeting it again counts for nothing.
         if lamp != last_lamp:
-            last_lamp, t_hit = lamp, memory.floats[TFAR]
+            last_lamp = lamp
             while lamp >= 0:
                 memory.floats[TFAR] = t_hit  # a ray that looks for what is before a disk changes it
                 found, more = _met_lamp(f, tables, memory, ray, lamp, stretch.start)
                 light = gather(f, light, found)
                 rays += more
                 lamp = tables.lights.lamp_twin[lamp]
+            # The rest of the ray starts behind the lamp. A surface in the lamp's plane must not be passed over.
+            rays += 1
+            before = max(_neighbour(t_hit, -STEPS_PAST), stretch.t_near)
+            sight = SHADOW_RAY if ray.as_shadow else ray.kind
+            if intersect(
+                geometry.accel[0], memory.floats, memory.words, stretch.start, wi, before, t_near, sight
+            ):
+                return True, light, last_lamp, rays
 
 
 @device
@@ -118,17 +129,16 @@ def _reach(f, ray):
 
 
 @device
-def _past(t):
-    """A start for the rest of a ray that has met a lamp at t and goes on: the next floats, so that a surface right
-    behind the lamp is not passed over."""
-    return float_of(np.int32(bits_of(t) + np.int32(4)))
+def _neighbour(t, steps):
+    """The float so many floats after t > 0."""
+    return float_of(np.int32(bits_of(t) + steps))
 
 
 @device
 def _escaped(f, tables, ray, light):
     """`light` with that of suns and of the world for a ray that left the scene. A transparent film shows no world."""
     shares = NO_SHARES
-    if f.world == IMAGE_WORLD or f.sun_disks:
+    if (f.world == IMAGE_WORLD or f.sun_disks) and ray.pdf > ZERO:
         shares = group_shares(f, tables.lights, tables.tree, ray.p, ray.n)
     if f.world != DARK_WORLD and not (f.transparent_film and ray.kind == CAMERA_RAY):
         seen, pdf = world_seen(f, tables.lights, shares, tables.environment, ray.wi, ray.kind)

@@ -30,8 +30,9 @@ from ..scene import Instances, Mesh, Scene, Visibility
 # A mesh whose copies have no more triangles than this in all is baked: they fit the cache, and a two-level
 # traversal costs more than they do.
 BAKE_LIMIT = 1 << 16
-# An instance matrix that squeezes space by more than this has no usable inverse in float32: baked instead.
-FLATTEST_INSTANCE = 1e-6
+# An instance matrix that squeezes space by more than this turns rays into the mesh's space with too few digits left
+# for their starts to be off its surfaces: baked instead.
+FLATTEST_INSTANCE = 0.05
 
 # Sharper mirrors cannot be told apart, and the kernels' float32 keeps to numbers that it can square.
 MAX_EXPONENT = 1e8
@@ -275,7 +276,7 @@ def _transform(points: np.ndarray, linear: np.ndarray, origin: np.ndarray, out: 
 
 def _transform_normals(normals: np.ndarray, linear: np.ndarray, out: np.ndarray) -> None:
     """By the matrix of cofactors, so that they keep to the side that the transformed triangle's winding gives."""
-    if np.array_equal(linear, np.eye(3)):
+    if np.array_equal(linear, np.eye(3)) and _are_unit(normals):
         out[: len(normals)] = normals
         return
     x, y, z = linear.T
@@ -284,6 +285,13 @@ def _transform_normals(normals: np.ndarray, linear: np.ndarray, out: np.ndarray)
         turned = normals[rows] @ cofactors.T
         length = np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
         out[rows] = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+
+
+def _are_unit(vectors: np.ndarray) -> bool:
+    """Of (n, 3) float32. Others would weigh more, or less, between the corners of a triangle."""
+    with np.errstate(over="ignore"):
+        squared = np.einsum("ij,ij->i", vectors, vectors)
+    return bool(np.all(np.abs(squared - 1) < 1e-3))
 
 
 def _chunks(count: int) -> Iterator[slice]:

@@ -16,6 +16,7 @@ RAYS_THAT_SEE = Visibility.CAMERA | Visibility.DIFFUSE | Visibility.GLOSSY
 SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
 # Lamps coincide if their shapes do up to this power of two of their largest coordinate.
 COINCIDENT_BITS = 18
+COINCIDENT_PART = 1e-3  # and at most by this part of their size
 
 
 def unit(v: np.ndarray) -> np.ndarray:
@@ -98,6 +99,8 @@ def _place(kind: int, row: np.ndarray) -> tuple:
     points = corners_of(row) if flat else np.array([[*row[t.POSITION : t.POSITION + 3], row[t.SIZE]]], np.float64)
     # A power of two: so round numbers lie in the middle of what is rounded to them.
     step = 2.0 ** np.floor(np.log2(max(np.abs(points).max() * 1.001, 1e-30)) - COINCIDENT_BITS)
+    size = max(float(row[t.SIZE]), float(row[t.SIZE + 1]), 1e-30)
+    step = min(step, 2.0 ** np.floor(np.log2(size * COINCIDENT_PART)))
     return flat, step, *sorted(tuple(p) for p in np.round(points / step).astype(np.int64).tolist())
 
 

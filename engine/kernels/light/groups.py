@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...features import IMAGE_WORLD, NO_EMITTER
-from ..geom.vec import ONE, ZERO
+from ..geom.vec import ONE, TINY, ZERO
 from ..jit import device
 from ..tables import WORLD_IRRADIANCE
 from .sun import suns_importance
@@ -60,5 +60,5 @@ def group_shares(f, lights, tree, p, n):
     suns = max(suns, least) if suns > ZERO else ZERO
     world = max(world, least) if world > ZERO else ZERO
     total = local + suns + world
-    inverse = ONE / total if total > ZERO else ZERO
+    inverse = ONE / total if total > TINY else ZERO
     return Shares(local * inverse, suns * inverse, world * inverse)
