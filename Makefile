@@ -1,5 +1,6 @@
 # make render   renders a sample scene with Lobe into out/
 # make test     everything that must hold: style, types, tests
+# make test-long  the tests that take minutes
 # make package  the extension with its wheels, for this system, into out/
 # Each makes .venv from the pinned requirements when it is missing or they have changed.
 
@@ -8,7 +9,7 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/installed
 
-.PHONY: render test lint types package venv clean
+.PHONY: render test test-long lint types package venv clean
 
 render: $(INSTALLED)
 	mkdir -p out
@@ -16,6 +17,9 @@ render: $(INSTALLED)
 
 test: lint types
 	$(RUN) -m pytest
+
+test-long: $(INSTALLED)
+	$(RUN) -m pytest -m long -s
 
 lint: $(INSTALLED)
 	$(RUN) -m ruff check .

@@ -83,9 +83,14 @@ class _Watch:
             done, pending = wait(pending, timeout=POLL_SECONDS)
             for future in done:
                 future.result()
-            if pending and self._stop is not None and self._stop():
-                raise Stopped
+            if pending:
+                self.ask()
             self.tell(message(time.perf_counter() - begun))
+
+    def ask(self) -> None:
+        """Raises Stopped when the caller says so."""
+        if self._stop is not None and self._stop():
+            raise Stopped
 
 
 def render_compiled(
@@ -167,6 +172,7 @@ class _Render:
         for first, count in _schedule(settings.samples):
             self._one_pass(packed, adaptive, first, count)
             watch.tell("rendering", force=first == 0)
+            watch.ask()  # a pass may be over before anybody asked
             if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
                 return
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .errors import SettingsError
+from .fieldtypes import check_fields
 
 HEMISPHERE_SAMPLING = ("COSINE", "UNIFORM", "REJECTION")
 LOBE_SELECTION = ("ALBEDO", "CLASSIC")
@@ -42,6 +43,7 @@ class Settings:
 
     def validate(self) -> None:
         """Raises SettingsError with the name of the setting."""
+        check_fields(self, lambda problem: SettingsError(f"setting {problem}"))
         for key, (low, high) in RANGES.items():
             value = getattr(self, key)
             if not low <= value <= high:

@@ -8,10 +8,12 @@ to nothing and scenes without objects are fine: they are drawn as what they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from .errors import SceneError
+from .fieldtypes import check_fields
 from .scene import (
     AreaLight,
     Camera,
@@ -23,6 +25,7 @@ from .scene import (
     Scene,
     SpotLight,
     SunLight,
+    Visibility,
     World,
     scene_error,
 )
@@ -33,14 +36,20 @@ MAX_REACH = 1e9
 MAX_LAMP_REACH = 1e18
 # A lamp's radius or a sun's angle below this counts as 0: their squares vanish in float32.
 SMALLEST_SIZE = 1e-15
+# Pixels: of a side, as in Blender, and of the region that is rendered: its sums take 36 bytes each.
+MAX_SIDE, MAX_PIXELS = 1 << 16, 1 << 28
+# Rows of any array: the kernels' tables number them by int32.
+MAX_ROWS = (1 << 31) - 1
 # How far from orthogonal a rotation may be.
 ROTATION_TOLERANCE = 1e-4
 
 
 def validate_scene(scene: Scene) -> None:
     """Raises SceneError for the first thing in `scene` that cannot be rendered."""
+    _check_types(scene)
     _check_picture(scene)
     _check_camera(scene.camera)
+    _check_instance_arrays(scene.instances)
     extents = np.zeros((len(scene.meshes), 3))
     for index, mesh in enumerate(scene.meshes):
         try:
@@ -56,10 +65,30 @@ def validate_scene(scene: Scene) -> None:
     _check_world(scene.world)
 
 
+def _check_types(scene: Scene) -> None:
+    """Every field of everything holds what its dataclass declares; of arrays, that they are arrays."""
+    check_fields(scene, lambda problem: SceneError(f"the scene: {problem}"))
+    if scene.camera is not None:
+        check_fields(scene.camera, _camera_error)
+        if scene.camera.aperture is not None:
+            check_fields(scene.camera.aperture, lambda problem: _camera_error(f"its aperture's {problem}"))
+    check_fields(scene.instances, partial(scene_error, "instances", "all"))
+    check_fields(scene.world, lambda problem: SceneError(f"the world: {problem}"))
+    for kind, records in (("mesh", scene.meshes), ("material", scene.materials), ("light", scene.lights)):
+        for record in records:
+            check_fields(record, partial(scene_error, kind, record.name))
+
+
+def _camera_error(problem: str) -> SceneError:
+    return SceneError(f"the camera: {problem}")
+
+
 def _check_picture(scene: Scene) -> None:
     width, height = scene.width, scene.height
     if width < 1 or height < 1:
         raise SceneError(f"the resolution is {width} x {height} pixels: set both to 1 or more")
+    if max(width, height) > MAX_SIDE:
+        raise SceneError(f"the resolution is {width} x {height} pixels: set both to {MAX_SIDE} or less")
     x0, y0, x1, y1 = scene.render_region
     if x0 >= x1 or y0 >= y1:
         raise SceneError(f"the render region ({x0}, {y0}) to ({x1}, {y1}) is empty: make it at least one pixel large")
@@ -67,6 +96,11 @@ def _check_picture(scene: Scene) -> None:
         raise SceneError(
             f"the render region ({x0}, {y0}) to ({x1}, {y1}) reaches outside the picture of {width} x {height} pixels: "
             "move it inside"
+        )
+    if (x1 - x0) * (y1 - y0) > MAX_PIXELS:
+        raise SceneError(
+            f"the picture of {x1 - x0} x {y1 - y0} pixels has more than {MAX_PIXELS / 1e6:.0f} million: set a lower "
+            "resolution, or render it in regions"
         )
     if not (np.isfinite(scene.exposure) and scene.exposure >= 0):
         raise SceneError(f"the film exposure is {scene.exposure}: set it to 0 or more")
@@ -166,8 +200,9 @@ def _check_indices(mesh: Mesh, what: str, indices: np.ndarray, count: int, of_wh
     )
 
 
-def _check_instances(instances: Instances, mesh_count: int, materials: Sequence[Material]) -> None:
-    count = len(instances.mesh)
+def _check_instance_arrays(instances: Instances) -> None:
+    """Types and shapes alone: messages about other things look up objects in these arrays."""
+    count = len(np.atleast_1d(instances.mesh))
     for what, dtype in (
         ("mesh", np.int32),
         ("material_offset", np.int32),
@@ -178,14 +213,19 @@ def _check_instances(instances: Instances, mesh_count: int, materials: Sequence[
         _check_array("instances", "all", what, getattr(instances, what), (count,), dtype)
     _check_array("instances", "all", "transforms", instances.transforms, (count, 3, 4), np.float64)
     _check_array("instances", "all", "material_table", instances.material_table, (None,), np.int32)
+
+
+def _check_instances(instances: Instances, mesh_count: int, materials: Sequence[Material]) -> None:
+    count = len(instances.mesh)
     if not count:
         return
-
     names = instances.object_names
     _reject(
         instances.object, (instances.object < 0) | (instances.object >= len(names)), None, "object name", len(names)
     )
     _reject(instances.mesh, (instances.mesh < 0) | (instances.mesh >= mesh_count), instances, "mesh", mesh_count)
+    unknown_rays = instances.visibility > int(Visibility.ALL)
+    _reject(instances.visibility, unknown_rays, instances, "visibility", int(Visibility.ALL) + 1)
     bad = _first_bad_row(instances.transforms.reshape(count, 12))
     if bad is not None:
         raise scene_error(
@@ -298,20 +338,25 @@ def _check_world(world: World) -> None:
         raise SceneError(f"the world: its colour is {_text(color)}; set it to three finite numbers{_limit(color)}")
     if np.any(color < 0):
         raise SceneError(f"the world: its colour is negative {_text(color)}; set every channel to 0 or more")
-    rotation = np.asarray(world.rotation)
-    if rotation.shape != (3, 3) or not np.all(np.isfinite(rotation)):
+    rotation = world.rotation
+    if rotation.shape != (3, 3) or rotation.dtype.kind not in "fiu" or not np.all(np.isfinite(rotation)):
         raise SceneError("the world: its rotation is not finite; check the mapping of its image")
     if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE):
         raise SceneError("the world: its rotation scales or shears; check the mapping of its image")
     if world.image is None:
         return
-    if not isinstance(world.image, np.ndarray) or world.image.ndim != 3 or world.image.shape[2] != 3:
+    if world.image.ndim != 3 or world.image.shape[2] != 3:
         raise SceneError(f"the world: its image has the shape {np.shape(world.image)}, it must be (height, width, 3)")
     if world.image.dtype != np.float32:
         raise SceneError(f"the world: its image holds {world.image.dtype} values, it must hold float32")
     height, width, _ = world.image.shape
     if not height or not width:
         raise SceneError(f"the world: its image has {width} x {height} pixels; load it again or choose another")
+    if height * width > MAX_PIXELS:
+        raise SceneError(
+            f"the world: its image of {width} x {height} pixels has more than {MAX_PIXELS / 1e6:.0f} million: make it "
+            "smaller"
+        )
     bad = _first_bad_row(world.image.reshape(-1, 3))
     if bad is not None:
         raise SceneError(
@@ -328,9 +373,11 @@ def _check_world(world: World) -> None:
 
 def _check_transform(who: str, transform: np.ndarray) -> np.ndarray:
     """Gives back the (3, 4) float64 matrix."""
-    matrix = np.asarray(transform, np.float64)
-    if matrix.shape != (3, 4):
-        raise SceneError(f"{who}: its transform has the shape {matrix.shape}, it must be (3, 4)")
+    if transform.shape != (3, 4):
+        raise SceneError(f"{who}: its transform has the shape {transform.shape}, it must be (3, 4)")
+    if transform.dtype.kind not in "fiu":
+        raise SceneError(f"{who}: its transform holds {transform.dtype} values, it must hold numbers")
+    matrix = transform.astype(np.float64)
     if not _fits(matrix):
         raise SceneError(
             f"{who}: its transform holds values that are not finite; "
@@ -343,8 +390,6 @@ def _check_array(
     kind: str, name: str, what: str, value: np.ndarray, shape: tuple[int | None, ...], dtype: type
 ) -> None:
     """The type and shape of one array; None in `shape` stands for any length."""
-    if not isinstance(value, np.ndarray):
-        raise scene_error(kind, name, f"{what} is a {type(value).__name__}, it must be a numpy array")
     fits = value.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, value.shape, strict=True)
     )
@@ -353,6 +398,8 @@ def _check_array(
         raise scene_error(kind, name, f"{what} has the shape {value.shape}, it must be ({wanted})")
     if value.dtype != dtype:
         raise scene_error(kind, name, f"{what} holds {value.dtype} values, it must hold {np.dtype(dtype)}")
+    if len(value) > MAX_ROWS:
+        raise scene_error(kind, name, f"{what} has {len(value)} rows, and {MAX_ROWS} is the limit")
 
 
 def _first_bad_row(rows: np.ndarray) -> int | None:

@@ -1,35 +1,20 @@
-"""What the tests of the light kernels share: the chi-squared test, solid angles in float64, and the check that no
+"""What the tests of the light kernels share: the test of frequencies, solid angles in float64, and the check that no
 float64 creeps into a kernel's results."""
 
 from __future__ import annotations
 
 import numba
 import numpy as np
-from scipy import stats
 
-SIGNIFICANCE = 0.01
+from tests.statistics import chi2
 
 
 def assert_frequencies(observed: np.ndarray, expected: np.ndarray, tests: int = 1) -> None:
-    """Chi-squared test of counts; cells that expect fewer than 5 are pooled. `tests`: how many share the significance
-    (Sidak)."""
+    """Chi-squared test of counts. `tests`: how many share the significance (Sidak)."""
     observed, expected = np.ravel(observed).astype(float), np.ravel(expected).astype(float)
     assert np.all(observed[expected == 0] == 0), "samples where the density is zero"
-    order = np.argsort(expected)
-    observed, expected = observed[order], expected[order]
-    small = int(np.searchsorted(expected, 5))
-    while small < len(expected) and 0 < expected[:small].sum() < 5:
-        small += 1
-    if small:
-        observed = np.append(observed[small:], observed[:small].sum())
-        expected = np.append(expected[small:], expected[:small].sum())
-        if expected[-1] == 0:
-            observed, expected = observed[:-1], expected[:-1]
-    if len(expected) < 2:
-        return
-    expected = expected * observed.sum() / expected.sum()
-    p_value = stats.chi2.sf(np.sum((observed - expected) ** 2 / expected), len(expected) - 1)
-    assert p_value > 1 - (1 - SIGNIFICANCE) ** (1 / tests), f"chi-squared p-value {p_value}"
+    p_value = chi2.p_value(observed, expected * observed.sum() / expected.sum())
+    assert p_value > chi2.threshold(tests), f"chi-squared p-value {p_value}"
 
 
 def triangle_solid_angles(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:

@@ -249,7 +249,9 @@ def save_png(scene, path: Path) -> None:
     mode = "RGBA" if scene.render.film_transparent else "RGB"
     with _image_settings(scene, "PNG", mode, "8"):
         try:
-            bpy.data.images["Render Result"].save_render(str(path), scene=scene)
+            bpy.data.images["Render Result"].save_render(
+                str(path.resolve()), scene=scene
+            )  # a bare name is no path to Blender
         except RuntimeError as error:
             raise ToolError(f"{str(path)!r} cannot be written: {_blender_message(error)}") from error
 

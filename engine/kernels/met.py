@@ -59,9 +59,7 @@ def follow(f, tables, memory, ray, stretch, light):
             rays += 1
             before = max(_neighbour(t_hit, -STEPS_PAST), stretch.t_near)
             sight = SHADOW_RAY if ray.as_shadow else ray.kind
-            if intersect(
-                geometry.accel[0], memory.floats, memory.words, stretch.start, wi, before, t_near, sight
-            ):
+            if intersect(geometry.accel[0], memory.floats, memory.words, stretch.start, wi, before, t_near, sight):
                 return True, light, last_lamp, rays
 
 

@@ -20,6 +20,7 @@ from ..scene import Scene
 from ..settings import CHOICES, Settings
 from .geometry import pack_geometry
 from .lights import pack_lights
+from .middle import to_the_middle
 
 # The same from render to render.
 filter_table = lru_cache(4)(build_filter_table)
@@ -43,6 +44,7 @@ class Packed:
 
 def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Packed:
     """Pack and build. The scene must have passed `Scene.validate`. Raises accel.BuildStopped once `halt` is set."""
+    scene = to_the_middle(scene)
     geometry = pack_geometry(scene)
     lights = pack_lights(scene, geometry)
     accel = Accel([*geometry.shapes, *lights.shapes], halt)

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 from engine.kernels.camera import generate_ray, pack_camera
-from engine.kernels.jit import kernel
 from engine.scene import Aperture, Camera
-from tests.kernels import chi2
+from tests.statistics import chi2
+from tests.statistics.film import draw_rays
 
 f32 = np.float32
 WIDTH, HEIGHT = 200, 100
-
-
-@kernel
-def draw(camera, orthographic, lens, points, u, out):
-    """out (n, 8): origin, direction, t_near, t_far"""
-    for i in range(len(points)):
-        o, d, near, far = generate_ray(camera, orthographic, lens, points[i, 0], points[i, 1], u[i, 0], u[i, 1])
-        out[i, 0], out[i, 1], out[i, 2] = o
-        out[i, 3], out[i, 4], out[i, 5] = d
-        out[i, 6], out[i, 7] = near, far
 
 
 def rotation(seed: int) -> np.ndarray:
@@ -42,7 +30,7 @@ def rays(camera: Camera, points, u=None):
     out = np.empty((len(points), 8), np.float32)
     packed = pack_camera(camera, WIDTH, HEIGHT)
     assert packed.dtype == np.float32
-    draw(packed, int(camera.orthographic), int(camera.aperture is not None), points, u, out)
+    draw_rays(packed, int(camera.orthographic), int(camera.aperture is not None), points, u, out)
     out = out.astype(np.float64)
     return out[:, :3], out[:, 3:6], out[:, 6], out[:, 7]
 
@@ -122,25 +110,6 @@ def test_all_rays_of_a_pixel_meet_on_the_focal_plane(orthographic):
     assert np.hypot(lens[:, 0] * 2, lens[:, 1]).max() == pytest.approx(0.2, rel=0.02)  # a ratio of 2 halves the width
     assert near * -along[:, 2] == pytest.approx(1, rel=1e-6)
     assert far * -along[:, 2] == pytest.approx(9, rel=1e-6)
-
-
-@pytest.mark.parametrize("blades", [0, 2, 3, 6])
-def test_lens_is_uniform_over_its_shape(blades):
-    count = 100_000
-    aperture = Aperture(radius=0.5, focus_distance=3, blades=blades, rotation=0.4)
-    origin, _, _, _ = rays(Camera(aperture=aperture), np.full((count, 2), 50.0), chi2.uniforms(count, 2))
-
-    def density(p):
-        x, y = 2 * p.T - 1
-        if blades < 3:
-            return np.where(x * x + y * y < 1, 4 / np.pi, 0)
-        # Cycles puts the middle of a side at the angle of rotation.
-        middles = 0.4 + np.arange(blades)[:, None] * 2 * np.pi / blades
-        inside = np.all(np.cos(middles) * x + np.sin(middles) * y < math.cos(np.pi / blades), axis=0)
-        return np.where(inside, 4 / (blades / 2 * math.sin(2 * np.pi / blades)), 0)
-
-    square = (origin[:, :2] / 0.5 + 1) / 2
-    chi2.assert_follows(square, count, density, tests=4, cells=(16, 16), inner=40)
 
 
 def test_without_an_aperture_nothing_is_bent():

@@ -7,7 +7,7 @@ import pytest
 
 from engine.kernels.geom import elementary, frame, vec
 from engine.kernels.jit import kernel
-from tests.kernels import chi2
+from tests.statistics import chi2
 
 f32 = np.float32
 

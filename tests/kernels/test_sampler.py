@@ -9,7 +9,7 @@ import pytest
 
 from engine.kernels.jit import kernel
 from engine.kernels.sampler import random, sobol
-from tests.kernels import chi2
+from tests.statistics import chi2
 
 TABLE = sobol.build_sobol_table(0)
 PIXELS = 400

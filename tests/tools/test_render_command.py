@@ -54,6 +54,16 @@ def test_a_wrong_setting(repository, tmp_path):
     fails(done, "render.py: --set 'scene.lobe.sample=3': there is no setting 'sample': there are adaptive_threshold")
 
 
+def test_a_picture_without_a_folder(repository, tmp_path):
+    """Blender takes a bare name for a file without a place."""
+    scene = repository / "sample_blends/cornell_diffuse.blend"
+    words = [sys.executable, repository / "tools/render.py", scene, "--samples", "1", "--resolution", "8x8"]
+    done = subprocess.run([*words, "-o", "bare.png", "-o", "bare.exr"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bare.png").stat().st_size
+    assert (tmp_path / "bare.exr").stat().st_size
+
+
 def test_no_camera(repository, tmp_path):
     script = (
         "import bpy; bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True); "

@@ -32,6 +32,15 @@ def blackman_harris_cdf(x: np.ndarray, width: float) -> np.ndarray:
     return 0.5 + integral / COEFFICIENTS[0]
 
 
+def filter_density(pixel_filter: str, width: float, x: np.ndarray) -> np.ndarray:
+    """Per pixel, at x pixels from the centre, along either axis: the slope of the window's distribution function."""
+    if pixel_filter == "BOX":
+        return np.where(np.abs(x) <= 0.5, 1.0, 0.0)
+    t = np.pi * np.asarray(x, np.float64) / width
+    window = sum(a * np.cos(k * t) for k, a in enumerate(COEFFICIENTS))
+    return np.where(np.abs(x) < width, window / (2 * width * COEFFICIENTS[0]), 0.0)
+
+
 def build_filter_table(pixel_filter: str, width: float) -> np.ndarray:
     """float32: distances from the centre, in pixels; empty for the box.
 

@@ -1,28 +1,39 @@
 """From Embree's hit to a point of a surface: position, normals, material.
 
 The position is rebuilt from the triangle's vertices and barycentrics, which is exact to a few ulps of the vertices
-wherever the ray came from; rays that leave start from `offset_origin`.
+wherever the ray came from. Rays that leave start from `offset_origin`, off the surface by a bound on those ulps: as
+Waechter & Binder do in "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems 2019, ch. 6), but
+for the triangle at hand (Pharr et al., Physically Based Rendering, 4th ed., 6.8.6). A bound that knows only the point
+is too short on large triangles that pass near the world's origin, and so long far from it, or in scenes of a few
+micrometres, that rays start behind the next wall.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from ..embree import GEOM_ID, INST_ID, INST_PRIM_ID, INVALID, PRIM_ID, U, V, bits_of, float_of
+from ..embree import GEOM_ID, INST_ID, INST_PRIM_ID, INVALID, PRIM_ID, U, V
 from ..jit import device
 from ..light.emitters import triangle_vertices
 from ..tables import INSTANCED_MESH
-from .vec import ONE, ZERO, cross, dot, negate, normalize, sub
+from .vec import ONE, SMALL, TINY, ZERO, add, cross, direction_and_length, dot, negate, scale, sub
 
-# Waechter & Binder 2019, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems, ch. 6.
-_ORIGIN = np.float32(1 / 32)
-_FLOAT_SCALE = np.float32(1 / 65536)
-_INT_SCALE = np.float32(256)
+# Lengths of the step off a surface, as parts of what the error depends on (see `_step`); one rounding is 2^-24.
+_STEP = np.float32(16 * 2**-24)
+_SMALLEST_STEP = np.float32(2 * 2**-24)
+_AT_THE_ORIGIN = np.float32(1e-25)
+# Of the square root of a triangle's area: takes effect from an aspect ratio of some 500 on.
+_LONGEST_FOR_SLIVERS = np.float32(1 / 128)
 
 
 @device
 def find_surface(f, geometry, ray, words, wo):
-    """The hit in `ray` as (p, n, ng, material, triangle), n and ng on wo's side as the mesh has them to each other."""
+    """The hit in `ray` as (p, n, ng, material, triangle), n and ng on wo's side as the mesh has them to each other.
+
+    n is a unit vector; ng is as long as the step that takes rays off the surface, see `offset_origin`.
+    """
     outer = words[INST_ID] if f.instances and words[INST_ID] != INVALID else words[GEOM_ID]
     u, v = ray[U], ray[V]
     triangle = np.int64(geometry.base[outer]) + np.int64(words[PRIM_ID])
@@ -37,35 +48,84 @@ def find_surface(f, geometry, ray, words, wo):
             _normal(geometry, corners[triangle, 2]),
         )
         n = _interpolate(na, nb, nc, u, v)
-    material = geometry.triangle_slot[triangle]
+    material, extent, volume = geometry.triangle_slot[triangle], _extent(a, b, c), _box_volume(a, b, c)
     if f.instances and geometry.kind[outer] == INSTANCED_MESH:
         row = np.int64(geometry.instance_base[outer]) + np.int64(words[INST_PRIM_ID])
         p = _to_world_point(geometry.transforms, row, p)
         ng = _to_world_normal(geometry.transforms, row, ng)
         n = _to_world_normal(geometry.transforms, row, n)
+        extent, volume = _to_world_extent(geometry.transforms, row, extent, volume)
         slot = min(max(material, np.int32(0)), geometry.slot_count[row] - np.int32(1))
         material = geometry.slots[geometry.slot_offset[row] + slot]
-    ng = normalize(ng)
+    ng, area = _unit_and_length(ng)
     if dot(ng, wo) < ZERO:
         ng, n = negate(ng), negate(n)
-    n = normalize(n) if f.smooth else ng
+    n = _unit_and_length(n)[0] if f.smooth else ng
     if f.smooth and dot(n, n) == ZERO:  # a mesh may have normals of length zero, which say nothing
         n = ng
-    return p, n, ng, material, triangle
+    return p, n, scale(ng, _step(p, ng, extent, volume, area)), material, triangle
 
 
 @device
-def offset_origin(p, ng):
-    """Where rays that leave p on ng's side start, so that they don't meet p's own triangle."""
-    return _offset(p[0], ng[0]), _offset(p[1], ng[1]), _offset(p[2], ng[2])
+def offset_origin(p, step):
+    """Where rays that leave p start, so that they don't meet p's own triangle. step: the `ng` of `find_surface`."""
+    return add(p, step)
 
 
 @device
-def _offset(x, along):
-    if abs(x) < _ORIGIN:
-        return x + _FLOAT_SCALE * along
-    steps = np.int32(_INT_SCALE * along)
-    return float_of(np.int32(bits_of(x) + (-steps if x < ZERO else steps)))
+def _extent(a, b, c):
+    """How far a triangle reaches from the origin along each axis."""
+    return (
+        max(abs(a[0]), max(abs(b[0]), abs(c[0]))),
+        max(abs(a[1]), max(abs(b[1]), abs(c[1]))),
+        max(abs(a[2]), max(abs(b[2]), abs(c[2]))),
+    )
+
+
+@device
+def _box_volume(a, b, c):
+    """Of the box around a triangle."""
+    return (
+        (max(a[0], max(b[0], c[0])) - min(a[0], min(b[0], c[0])))
+        * (max(a[1], max(b[1], c[1])) - min(a[1], min(b[1], c[1])))
+        * (max(a[2], max(b[2], c[2])) - min(a[2], min(b[2], c[2])))
+    )
+
+
+@device
+def _to_world_extent(m, row, e, volume):
+    """(a bound on the coordinates that an instance's points are summed from, the box's volume in the world). Embree
+    turns rays into the instance's space, which mixes the errors of all axes, so that every axis gets the sum."""
+    total = ZERO
+    for i in range(3):
+        total += abs(m[row, i, 0]) * e[0] + abs(m[row, i, 1]) * e[1] + abs(m[row, i, 2]) * e[2] + abs(m[row, i, 3])
+    x = (m[row, 0, 0], m[row, 1, 0], m[row, 2, 0])
+    y = (m[row, 0, 1], m[row, 1, 1], m[row, 2, 1])
+    z = (m[row, 0, 2], m[row, 1, 2], m[row, 2, 2])
+    return (total, total, total), volume * abs(dot(cross(x, y), z))
+
+
+@device
+def _step(p, ng, extent, volume, area):
+    """How far off its surface a ray has to start. area: twice the triangle's.
+
+    Only errors along the normal count: on the ground at z = 0 next to none, wherever the ground ends. The first is of
+    the point and of the ray's start, the second of the normal that Embree calculates: its components are products of
+    two edges, and err by two sides of the box; a third makes a height of them. It grows with the triangle's aspect
+    ratio, and where it gets as long as a sliver is wide there is nothing to gain.
+    """
+    across = abs(ng[0]) * extent[0] + abs(ng[1]) * extent[1] + abs(ng[2]) * extent[2]
+    largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
+    tilt = min(_STEP * volume / (area + SMALL), _LONGEST_FOR_SLIVERS * math.sqrt(area))
+    return _STEP * across + _SMALLEST_STEP * largest + tilt + _AT_THE_ORIGIN
+
+
+@device
+def _unit_and_length(a):
+    """As `direction_and_length`, also for vectors whose square leaves float32: products of edges of any length."""
+    largest = max(abs(a[0]), max(abs(a[1]), abs(a[2])))
+    unit, length = direction_and_length(scale(a, ONE / largest if largest > TINY else ZERO))
+    return unit, length * largest
 
 
 @device

@@ -40,6 +40,8 @@ from ..geom.vec import (
 from ..jit import device
 from .spherical import atan2_upper
 
+DARKEST = 1e-36  # mean radiance
+
 
 class EnvironmentTable(NamedTuple):
     """H rows and W columns of texels; H + 1 rows of cells, row r between the texel rows r - 1 and r.
@@ -82,7 +84,8 @@ def build_environment(image: np.ndarray) -> EnvironmentTable:
     rows = cells.sum(axis=1, dtype=np.float64)
     total = rows.sum()
     # Density in (u, v) is weight / mean weight; a cell's area is 1 / (W H); d(omega) = 2 pi^2 sin(theta) du dv.
-    scale = width * height / (total * 2 * np.pi**2) if total > 0 else 0.0
+    # Of an image that is all but black the density does not fit float32: rays alone find its light.
+    scale = width * height / (total * 2 * np.pi**2) if total > DARKEST * width * height else 0.0
     row_cdf = _cumulative(rows[None])
     column_cdf = _cumulative(cells)
     return EnvironmentTable(
@@ -229,7 +232,9 @@ def _sample_linear(a, b, u):
     """x in [0, 1] with density proportional to a (1 - x) + b x. Pharr et al. 2023, PBR 4e, section 2.3.2."""
     if a == b:
         return u
-    return u * (a + b) / max(a + math.sqrt(_mix(a * a, b * b, u)), SMALL)
+    total = a + b  # of shares, as the squares of an image's values may leave float32
+    a, b = a / total, b / total
+    return u / max(a + math.sqrt(_mix(a * a, b * b, u)), SMALL)
 
 
 @device

@@ -99,9 +99,9 @@ def disk_distance(lamps, i, p, wi):
 
 @device
 def inside_lamp(lamps, i, p):
-    """Whether p lies inside the sphere of the lamp."""
+    """Whether p lies inside the sphere of the lamp, or on it: rays from there only meet it where they leave it."""
     off = sub(_position(lamps, i), p)
-    return dot(off, off) < lamps[i, SIZE] * lamps[i, SIZE]
+    return dot(off, off) <= lamps[i, SIZE] * lamps[i, SIZE]
 
 
 @device

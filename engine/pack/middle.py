@@ -1,0 +1,92 @@
+"""Where float32 has its digits: far scenes are moved to the world's origin, and tiny ones enlarged, before packing.
+
+Both are done in float64 on the transforms, so that the kernels calculate with coordinates about as large as the
+scene's own extent, wherever it stands and whatever its unit. The picture is the same: nothing in it depends on
+absolute places, and radiance on no length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..scene import Camera, Instances, Lamp, PointLight, Scene
+
+# A scene whose middle lies farther from the origin than this part of its size gains digits by a move.
+FAR_OFF = 2.0
+# Metres. Below, products of a few lengths leave float32.
+SMALLEST_SCENE = 1e-2
+
+
+def to_the_middle(scene: Scene) -> Scene:
+    """`scene` itself, or the same in coordinates that suit float32. Meshes and images are shared."""
+    bounds = _bounds(scene)
+    if bounds is None:
+        return scene
+    size, middle = (bounds[1] - bounds[0]).max(), bounds.mean(axis=0)
+    factor = 1.0 if size >= SMALLEST_SCENE or size == 0 else 2.0 ** -np.floor(np.log2(size))
+    far = np.abs(middle).max() > FAR_OFF * size
+    if factor == 1.0 and not far:
+        return scene
+    return _placed(scene, factor, middle if far else np.zeros(3))
+
+
+def _bounds(scene: Scene) -> np.ndarray | None:
+    """(2, 3) float64, of the boxes of all instances; of the lamps where there are none; None for neither."""
+    instances = scene.instances
+    if not len(instances):
+        return None
+    boxes = np.array([mesh.bounds() for mesh in scene.meshes], np.float64)
+    middle, half = boxes.mean(axis=1)[instances.mesh], np.ptp(boxes, axis=1)[instances.mesh] / 2
+    linear, origin = instances.transforms[:, :, :3], instances.transforms[:, :, 3]
+    middle = np.einsum("nij,nj->ni", linear, middle) + origin
+    half = np.einsum("nij,nj->ni", np.abs(linear), half)
+    return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
+
+
+def _placed(scene: Scene, factor: float, middle: np.ndarray) -> Scene:
+    """Moved by -middle, then scaled."""
+    out = replace(scene)
+    assert scene.camera is not None
+    out.instances = _instances(scene.instances, factor, middle)
+    out.camera = _camera(scene.camera, factor, middle)
+    out.lights = [_lamp(light, factor, middle) for light in scene.lights]
+    return out
+
+
+def _moved(transforms: np.ndarray, factor: float, middle: np.ndarray) -> np.ndarray:
+    """transforms (..., 3, 4)."""
+    out = np.array(transforms, np.float64)
+    out[..., 3] -= middle
+    return out * factor
+
+
+def _instances(instances: Instances, factor: float, middle: np.ndarray) -> Instances:
+    return replace(instances, transforms=_moved(instances.transforms, factor, middle))
+
+
+def _camera(camera: Camera, factor: float, middle: np.ndarray) -> Camera:
+    lens, window = camera.aperture, camera.window
+    if lens is not None:
+        lens = replace(lens, radius=lens.radius * factor, focus_distance=lens.focus_distance * factor)
+    if camera.orthographic:
+        left, right, bottom, top = window
+        window = left * factor, right * factor, bottom * factor, top * factor
+    return replace(
+        camera,
+        transform=_moved(camera.transform, factor, middle),
+        window=window,
+        clip_start=camera.clip_start * factor,
+        clip_end=camera.clip_end * factor,
+        aperture=lens,
+    )
+
+
+def _lamp(lamp: Lamp, factor: float, middle: np.ndarray) -> Lamp:
+    """Radiance and irradiance stay; intensity is radiance times an area."""
+    lamp = replace(lamp, transform=_moved(lamp.transform, factor, middle))
+    if not isinstance(lamp, PointLight):
+        return lamp
+    red, green, blue = (value * factor**2 for value in lamp.intensity)
+    return replace(lamp, radius=lamp.radius * factor, intensity=(red, green, blue))

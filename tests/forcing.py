@@ -1,0 +1,79 @@
+"""Renders with other features than the scene asks for: what it doesn't use switched on, for the tests that compare,
+and to spare the compilation of a kernel for each of a thousand random scenes.
+
+`engine.features` decides which tables have rows, so the tables of a feature that is forced on are filled up with rows
+that say "there is none".
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from unittest import mock
+
+import numpy as np
+
+import engine.pack.lights as packing_lights
+import engine.schedule as schedule
+from engine.features import CONSTANT_WORLD, EMITTER_TREE, IMAGE_WORLD, Features
+from engine.kernels.light.environment import build_environment
+from engine.pack import Packed
+from engine.pack.geometry import INVALID
+
+# Every feature that a scene can do without, at its most general. Not in here: the choices that change the picture
+# (orthographic, transparent_film) or how it is sampled (hemisphere, lobe_selection), and `shared_light`.
+EVERYTHING = {
+    "phong": 1,
+    "smooth": 1,
+    "instances": 1,
+    "transparency": 1,
+    "mesh_emitters": 1,
+    "rectangle_emitters": 1,
+    "lamp_kinds": 63,
+    "lamp_shapes": 1,
+    "unshadowed": 1,
+    "ray_kinds": 1,
+    "emitter_choice": EMITTER_TREE,
+    "suns": 1,
+    "sun_disks": 1,
+    "world": IMAGE_WORLD,
+    "lens": 1,
+    "clamp": 1,
+}
+
+
+def filled_up(packed: Packed, features: Features) -> Packed:
+    """`packed` with these features and tables that suit them."""
+    geometry, lights = packed.geometry, packed.lights
+    faces, emitters = len(geometry.triangles), len(lights.emitter_triangle)
+    if features.smooth and len(geometry.normal_triangles) < faces:
+        geometry = geometry._replace(normal_triangles=np.full((faces, 3), INVALID, np.uint32))
+    if features.mesh_emitters and len(lights.triangle_emitter) < faces:
+        lights = lights._replace(triangle_emitter=np.full(faces, -1, np.int32))
+    if features.rectangle_emitters and len(lights.emitter_rectangle) < emitters:
+        lights = lights._replace(emitter_rectangle=np.zeros((emitters, 9), np.float32))
+    if features.world == IMAGE_WORLD and packed.features.world == CONSTANT_WORLD:
+        packed.environment = build_environment(np.ones((1, 1, 3), np.float32))
+    packed.geometry, packed.lights, packed.features = geometry, lights, features
+    return packed
+
+
+@contextlib.contextmanager
+def forced(change: Callable[[Features], Features]) -> Iterator[None]:
+    """Within, the compiled road renders with the features that `change` makes of the scene's own."""
+    pack, choice_tree = schedule.pack, packing_lights.choice_tree
+
+    def packed_otherwise(*arguments) -> Packed:
+        packed = pack(*arguments)
+        return filled_up(packed, change(packed.features))
+
+    with (
+        mock.patch.object(schedule, "pack", packed_otherwise),
+        mock.patch.object(packing_lights, "choice_tree", lambda emitters, _: choice_tree(emitters, 2)),
+    ):
+        yield
+
+
+def everything_on() -> contextlib.AbstractContextManager[None]:
+    """One kernel for all scenes, but for the few features that `EVERYTHING` leaves as they are."""
+    return forced(lambda features: features._replace(**EVERYTHING))

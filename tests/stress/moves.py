@@ -1,0 +1,130 @@
+"""The same scene elsewhere: moved, scaled, sheared. And what two pictures of one scene may differ by.
+
+Every function gives a new `engine.Scene`; meshes and images are shared with the old one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+import engine
+import engine.scene
+from engine.scene import Camera, Lamp, PointLight, Scene
+from engine.settings import Settings
+
+QUANTILE = float(stats.norm.isf(0.5e-5))  # one comparison in 1e5 fails though all is right
+ROUNDING = 2e-5  # relative: float32 at other coordinates
+
+
+def scaled(scene: Scene, factor: float) -> Scene:
+    """Everything `factor` times as large, and lamps so bright that the picture stays the same."""
+    return _mapped(scene, lambda m: m * factor, factor)
+
+
+def moved(scene: Scene, by) -> Scene:
+    """Everything moved by `by` (3,), metres."""
+    offset = np.column_stack([np.zeros((3, 3)), by])
+    return _mapped(scene, lambda m: m + offset, 1.0)
+
+
+def baked_at(scene: Scene, by) -> Scene:
+    """Everything moved by `by`, meshes with their vertices: float32 there, so that shapes lose digits."""
+    meshes = []
+    for mesh in scene.meshes:
+        meshes.append(replace(mesh, vertices=(mesh.vertices + np.asarray(by)).astype(np.float32)))
+    out = moved(scene, by)
+    out.meshes = meshes
+    # M (v + by) + t = M v + t + by
+    linear = scene.instances.transforms[:, :, :3]
+    transforms = scene.instances.transforms.copy()
+    transforms[:, :, 3] += np.asarray(by) - linear @ np.asarray(by)
+    out.instances = replace(scene.instances, transforms=transforms)
+    return out
+
+
+def rounded_at(scene: Scene, by) -> Scene:
+    """What `baked_at` makes of the shapes, back at the origin: the differences of such float32 numbers are exact."""
+    out = replace(scene)
+    by = np.asarray(by)
+    out.meshes = [
+        replace(m, vertices=((m.vertices + by).astype(np.float32) - by).astype(np.float32)) for m in scene.meshes
+    ]
+    return out
+
+
+def _mapped(scene: Scene, change: Callable[[np.ndarray], np.ndarray], factor: float) -> Scene:
+    out = replace(scene)
+    out.instances = replace(scene.instances, transforms=change(scene.instances.transforms))
+    assert scene.camera is not None
+    out.camera = _camera(scene.camera, change, factor)
+    out.lights = [_lamp(light, change, factor) for light in scene.lights]
+    return out
+
+
+def _camera(camera: Camera, change, factor: float) -> Camera:
+    window = tuple(x * factor for x in camera.window) if camera.orthographic else camera.window
+    aperture = camera.aperture
+    if aperture is not None:
+        aperture = replace(aperture, radius=aperture.radius * factor, focus_distance=aperture.focus_distance * factor)
+    return replace(
+        camera, transform=change(camera.transform), window=window, aperture=aperture,
+        clip_start=camera.clip_start * factor, clip_end=camera.clip_end * factor,
+    )  # fmt: skip
+
+
+def _lamp(light: Lamp, change, factor: float) -> Lamp:
+    light = replace(light, transform=change(light.transform))
+    if isinstance(light, PointLight):
+        intensity = tuple(x * factor**2 for x in light.intensity)
+        light = replace(light, radius=light.radius * factor, intensity=intensity)
+    return light
+
+
+def render(scene: Scene, **settings) -> np.ndarray:
+    """(h, w, 3) float64. Fails for anything that is not a finite, non-negative number, and for rejected samples."""
+    chosen = Settings(**{"samples": 64, "pixel_filter": "BOX", "threads": 2, **settings})
+    result = engine.render(scene, chosen)
+    assert result.rejected == 0, f"{result.rejected} samples were not finite"
+    assert np.isfinite(result.pixels).all()
+    assert (result.pixels >= 0).all(), f"darker than black: {result.pixels.min()}"
+    return result.pixels[..., :3].astype(np.float64)
+
+
+@dataclass
+class Difference:
+    """Of two pictures' means, relative to the second: (3,), and the half width of its confidence interval."""
+
+    mean: np.ndarray
+    half_width: np.ndarray
+
+    def __str__(self) -> str:
+        return f"{np.abs(self.mean).max():.2g} +- {self.half_width.max():.2g}"
+
+    def holds(self, slack: float = ROUNDING) -> bool:
+        return bool(np.all(np.abs(self.mean) <= self.half_width + slack))
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> Difference:
+    """Paired by pixel: the same random numbers make both, and pixels share none. Where the paths are the same, the
+    interval is as narrow as float32 allows."""
+    d = (a - b).reshape(-1, 3)
+    scale = np.maximum(b.reshape(-1, 3).mean(axis=0), 1e-300)
+    return Difference(d.mean(axis=0) / scale, QUANTILE * d.std(axis=0, ddof=1) / np.sqrt(len(d)) / scale)
+
+
+def adopted(other) -> Scene:
+    """A scene of the add-on's copy of the engine, whose classes are others of the same names, as one of `engine`."""
+    if dataclasses.is_dataclass(other):
+        kind = getattr(engine.scene, type(other).__name__)
+        return kind(**{field.name: adopted(getattr(other, field.name)) for field in dataclasses.fields(other)})
+    if isinstance(other, list):
+        return [adopted(item) for item in other]
+    if isinstance(other, enum.IntFlag):
+        return engine.scene.Visibility(int(other))
+    return other

@@ -1,0 +1,190 @@
+"""Rays that leave a surface: none meets it again, none slips out of a closed mesh, wherever in the world it lies.
+
+pbrt's reintersection test and Embree's watertightness test, on the kernels' own functions.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import scenes
+
+from engine.accel import Accel
+from engine.features import Features
+from engine.kernels.embree import INST_PRIM_ID, PRIM_ID, intersect, new_ray
+from engine.kernels.geom.frame import to_world
+from engine.kernels.geom.surface import find_surface, offset_origin
+from engine.kernels.geom.vec import FAR, ZERO, direction_and_length, negate, normalize, scale
+from engine.kernels.jit import kernel
+from engine.kernels.sampler.warp import cosine_hemisphere
+from engine.pack.geometry import pack_geometry
+from engine.pack.middle import to_the_middle
+from engine.scene import Mesh, Scene
+
+ALL = np.uint32(15)
+HUGE = np.float32(1e12)  # brings the shortest steps to where they can be squared
+MISSED, AGAIN, ESCAPED = 0, 1, 2  # counters: first rays, second rays that met the same triangle, or nothing
+RAYS = 100_000
+
+
+@cache
+def leave_kernel(instances: int, step: float):
+    """Rays to a surface, and from there on in cosine-distributed directions to both of its sides.
+
+    step  factor of the step off the surface: 1, or 0 for a renderer that doesn't step
+    """
+    features = Features(instances=instances)
+    length = np.float32(step)
+
+    @kernel
+    def leave(geometry, ray, words, origins, directions, u, side, counts):
+        for i in range(len(origins)):
+            origin = origins[i, 0], origins[i, 1], origins[i, 2]
+            wi = normalize((directions[i, 0], directions[i, 1], directions[i, 2]))
+            if not intersect(geometry.accel[0], ray, words, origin, wi, ZERO, FAR, ALL):
+                counts[MISSED] += 1
+                continue
+            prim, instance = words[PRIM_ID], words[INST_PRIM_ID]
+            p, _, ng, _, _ = find_surface(features, geometry, ray, words, scale(negate(wi), side))
+            axis, _ = direction_and_length(scale(ng, HUGE))
+            out = to_world(cosine_hemisphere(u[i, 0], u[i, 1]), axis)
+            met = intersect(geometry.accel[0], ray, words, offset_origin(p, scale(ng, length)), out, ZERO, FAR, ALL)
+            if not met:
+                counts[ESCAPED] += 1
+            elif words[PRIM_ID] == prim and words[INST_PRIM_ID] == instance:
+                counts[AGAIN] += 1
+
+    return leave
+
+
+def leave(scene: Scene, origins, directions, side: int = 1, step: float = 1.0, seed: int = 1) -> np.ndarray:
+    """(3,) counts; side: 1 reflects, -1 passes through."""
+    packed = pack_geometry(scene)
+    accel = Accel(packed.shapes)
+    tables = packed.tables._replace(accel=np.array([accel.address], np.uint64))
+    ray, counts = new_ray(), np.zeros(3, np.int64)
+    u = np.random.default_rng(seed).random((len(origins), 2), np.float32)
+    leave_kernel(packed.features["instances"], step)(
+        tables, ray, ray.view(np.uint32), origins.astype(np.float32), directions.astype(np.float32), u,
+        np.float32(side), counts,
+    )  # fmt: skip
+    return counts
+
+
+def from_the_middle(centre, count: int = RAYS) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(7)
+    return np.broadcast_to(np.asarray(centre, float), (count, 3)), random.normal(size=(count, 3))
+
+
+def closed(mesh: Mesh, centre) -> Scene:
+    scene = Scene()
+    scene.add_instance(mesh, np.column_stack([np.eye(3), centre]))
+    return scene
+
+
+CENTRES = {"0": (0, 0, 0), "1e3": (600, -700, 390), "1e4": (6e3, -7e3, 3.9e3), "1e5": (148376, 1234, -223423)}
+MESHES = {"sphere": scenes.sphere_mesh(64, radius=2), "cube": scenes.cube_mesh(2)}
+ALLOWED = {"0": 0, "1e3": 0, "1e4": 0, "1e5": int(2e-5 * RAYS)}  # Embree's own test allows 2e-5 out there
+
+
+@pytest.mark.parametrize("centre", CENTRES)
+def test_a_closed_mesh_holds_its_rays(centre):
+    """From the middle of a mesh to its wall, and from there back inside: none is lost, none meets its own triangle.
+    A sphere of radius 2 at (148376, 1234, -223423) is Embree's watertightness test."""
+    rays = from_the_middle(CENTRES[centre])
+    missed, again, escaped = leave(closed(MESHES["sphere"], CENTRES[centre]), *rays)
+    assert missed + again + escaped <= ALLOWED[centre], (missed, again, escaped)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("centre", CENTRES)
+def test_as_the_engine_packs_it_none_is_lost(mesh, centre):
+    """Where the scene is moved to the origin first: at 1e5 a point on one wall of the cube may be rounded past
+    the next."""
+    scene = closed(MESHES[mesh], CENTRES[centre])
+    scene.camera = scenes.camera(CENTRES[centre])
+    scene = to_the_middle(scene)
+    assert scene.camera is not None
+    assert leave(scene, *from_the_middle(scene.camera.transform[:, 3])).tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("centre", CENTRES)
+def test_rays_that_pass_a_surface_leave_it_behind(centre):
+    """On the outside of the convex mesh nothing is left to meet."""
+    _, again, escaped = leave(closed(MESHES["cube"], CENTRES[centre]), *from_the_middle(CENTRES[centre]), side=-1)
+    assert again == 0 and escaped == RAYS
+
+
+def test_no_step_and_a_long_step_are_caught():
+    """A renderer that starts rays on the surface, and one that steps as far as 256 ulps of the point."""
+    rays = from_the_middle(CENTRES["1e4"])
+    assert leave(closed(MESHES["cube"], CENTRES["1e4"]), *rays, step=0.0)[AGAIN] > RAYS / 10
+    rays = from_the_middle(CENTRES["1e5"])
+    assert leave(closed(MESHES["sphere"], CENTRES["1e5"]), *rays, step=32.0)[ESCAPED] > RAYS / 10
+
+
+def random_triangle(random: np.random.Generator, kind: str) -> np.ndarray:
+    """(3, 3) float32. Kinds: coordinates of one size; all sizes, as in pbrt's test; far from the origin; slivers
+    100 and 1000 times as long as wide."""
+    corners = random.normal(size=(3, 3))
+    if kind == "any size":
+        corners = np.sign(corners) * 10 ** random.uniform(-8, 8, (3, 3))
+    elif kind == "far off":
+        corners += random.normal(size=3) * 10 ** random.uniform(0, 6)
+    elif kind.startswith("sliver"):
+        corners[2] = corners[:2].mean(axis=0) + random.normal(size=3) / float(kind.split()[1])
+    return corners.astype(np.float32)
+
+
+def leave_triangles(kind: str, triangles: int, step: float = 1.0) -> int:
+    """How many of 500 rays for each triangle and side meet it again."""
+    random, again = np.random.default_rng(3), 0
+    for k in range(triangles):
+        corners = random_triangle(random, kind)
+        points = random.dirichlet((1, 1, 1), 500) @ corners.astype(float)
+        origins = points + random.normal(size=points.shape) * np.abs(corners).max()
+        scene = Scene()
+        scene.add_instance(Mesh("triangle", corners, np.array([[0, 1, 2]], np.uint32)))
+        for side in (1, -1):
+            again += int(leave(scene, origins, points - origins, side, step, seed=k)[AGAIN])
+    return again
+
+
+@pytest.mark.parametrize("kind", ["unit", "any size", "far off", "sliver 100", "sliver 1000"])
+def test_triangles_are_not_met_again(kind):
+    assert leave_triangles(kind, 60) == 0
+
+
+def test_a_short_step_is_caught():
+    assert leave_triangles("unit", 10, step=1 / 64) > 0
+
+
+def instance_matrix(random: np.random.Generator, kind: str) -> np.ndarray:
+    """(3, 3)"""
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    if kind == "flat":
+        return turn @ np.diag([1, 1, 10 ** random.uniform(-6, 0)])
+    if kind == "sheared":
+        return turn @ (np.eye(3) + 10 ** random.uniform(0, 1.5) * np.outer([1, 0, 0], [0, 1, 0.5]))
+    if kind == "any":
+        return turn @ np.diag(10 ** random.uniform(-4, 1, 3)) @ np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return turn @ np.diag([1, 1, -1])
+
+
+@pytest.mark.parametrize("kind", ["mirrored", "flat", "sheared", "any"])
+def test_instances_are_not_met_again(monkeypatch, kind):
+    """Up to 1000 m from the origin. What is squeezed by too much is baked and passes, too."""
+    monkeypatch.setattr("engine.pack.geometry.BAKE_LIMIT", 0)
+    random, instanced = np.random.default_rng(5), 0
+    for k in range(20):
+        matrix, centre = instance_matrix(random, kind), random.normal(size=3) * 10 ** random.uniform(0, 3)
+        scene = Scene()
+        for place in (centre, centre + 1000):
+            scene.add_instance(MESHES["sphere"], np.column_stack([matrix, place]))
+        instanced += pack_geometry(scene).features["instances"]
+        directions = random.normal(size=(2000, 3)) @ matrix.T
+        origins = np.broadcast_to(centre, directions.shape)
+        assert leave(scene, origins, directions, seed=k)[AGAIN] == 0
+    assert instanced > 2
