@@ -21,6 +21,8 @@ import llvmlite
 import numba
 from numba.core.compiler_lock import global_compiler_lock
 
+from .halfway import intermediate_code_only
+
 KERNEL_FOLDER = Path(__file__).resolve().parent
 KEPT_VERSIONS = 3  # of the kernels: going back to the version before doesn't compile again
 
@@ -127,33 +129,22 @@ def _own_cache() -> Iterator[None]:
             numba.config.CACHE_DIR = before
 
 
-@contextlib.contextmanager
-def _light_optimisation() -> Iterator[None]:
-    with global_compiler_lock:
-        before = numba.config.OPT
-        numba.config.OPT = 1
-        try:
-            yield
-        finally:
-            numba.config.OPT = before
-
-
 def device(function):
     """Compile a function that kernels call and Python doesn't.
 
     Inlined by force, so that the features, constants of the outermost kernel, reach every branch. It is optimised as
-    a part of that kernel, so that little is spent on it alone: the first compilation takes a fifth less. Without the
-    wrappers for Python and C it takes 10 s instead of 17.
+    a part of that kernel, and has neither machine code nor wrappers for Python and C: with all of them the first
+    compilation takes more than twice as long.
     """
     with _own_cache():
         dispatcher = numba.njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
-    compile_fully = dispatcher.compile
+    compile_to_the_end = dispatcher.compile
 
-    def compile_lightly(signature):
-        with _light_optimisation():
-            return compile_fully(signature)
+    def compile_halfway(signature):
+        with intermediate_code_only():
+            return compile_to_the_end(signature)
 
-    dispatcher.compile = compile_lightly
+    dispatcher.compile = compile_halfway
     return dispatcher
 
 

@@ -8,7 +8,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numba
 import pytest
+from numba.core.registry import cpu_target
 
 from engine.kernels import jit
 
@@ -94,10 +96,27 @@ def test_another_version_of_a_package_is_another_folder(monkeypatch, package: st
 
 
 def test_the_cache_of_others_stays_their_own() -> None:
-    import numba
-
     before = numba.config.CACHE_DIR
     assert str(jit.CACHE_FOLDER) != before
     compiled = jit.kernel(test_the_cache_of_others_stays_their_own)
     assert compiled.stats.cache_path.startswith(str(jit.CACHE_FOLDER))
     assert before == numba.config.CACHE_DIR
+
+
+def test_functions_for_kernels_get_no_machine_code() -> None:
+    """It would never run, and makes the first compilation take a third longer. What others compile keeps theirs."""
+
+    def called(x):
+        return x * x + 1.0
+
+    inner = jit.device(called)
+    outer = numba.njit(lambda x: inner(x) + 2.0)
+    assert outer(3.0) == 12.0
+    engine = cpu_target.target_context.codegen()._engine
+
+    def has_machine_code(dispatcher) -> bool:
+        (compiled,) = dispatcher.overloads.values()
+        return engine.is_symbol_defined(compiled.fndesc.mangled_name)
+
+    assert has_machine_code(outer)
+    assert not has_machine_code(inner)
