@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import LobeError
-from .kernels.embree import build_monitor, library
+from .kernels.embree import build_monitor, lamp_filter, library
 
 _P, _U, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
 
@@ -41,6 +41,7 @@ _SIGNATURES = {
     "rtcReleaseGeometry": (None, [_P]),
     "rtcCommitGeometry": (None, [_P]),
     "rtcSetGeometryMask": (None, [_P, _U]),
+    "rtcSetGeometryIntersectFilterFunction": (None, [_P, _P]),
     "rtcSetGeometryInstancedScene": (None, [_P, _P]),
     "rtcSetSharedGeometryBuffer": (None, [_P, ctypes.c_int, _U, ctypes.c_int, _P, _Z, _Z, _Z]),
 }
@@ -79,19 +80,24 @@ def _check(what: str) -> None:
 
 @dataclass(frozen=True)
 class TriangleGeometry:
-    """vertices (V, 3) float32 with room for 16 bytes past the last one used; triangles (T, 3) uint32."""
+    """vertices (V, 3) float32 with room for 16 bytes past the last one used; triangles (T, 3) uint32.
+
+    is_lamp: rays note it and go on
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
     mask: int
+    is_lamp: bool = False
 
 
 @dataclass(frozen=True)
 class SphereGeometry:
-    """centers_radii (S, 4) float32."""
+    """Lamps. centers_radii (S, 4) float32."""
 
     centers_radii: np.ndarray
     mask: int
+    is_lamp: bool = True
 
 
 @dataclass(frozen=True)
@@ -101,6 +107,7 @@ class InstanceGeometry:
     mesh: TriangleGeometry
     transforms: np.ndarray
     mask: int
+    is_lamp: bool = False
 
 
 EmbreeGeometry = TriangleGeometry | SphereGeometry | InstanceGeometry
@@ -122,7 +129,7 @@ class Accel:
         try:
             self.address = self._new_scene()
             for geometry in geometries:
-                self._attach(self.address, self._make(geometry), geometry.mask)
+                self._attach(self.address, self._make(geometry), geometry.mask, geometry.is_lamp)
             self._commit(self.address)
         except BaseException:
             self.release()
@@ -135,8 +142,10 @@ class Accel:
         library.rtcSetSceneFlags(scene, _SCENE_FLAG_ROBUST)
         return scene
 
-    def _attach(self, scene: int, geometry: int, mask: int) -> None:
+    def _attach(self, scene: int, geometry: int, mask: int, is_lamp: bool = False) -> None:
         library.rtcSetGeometryMask(geometry, mask)
+        if is_lamp:
+            library.rtcSetGeometryIntersectFilterFunction(geometry, lamp_filter().address)
         library.rtcCommitGeometry(geometry)
         library.rtcAttachGeometry(scene, geometry)
         library.rtcReleaseGeometry(geometry)

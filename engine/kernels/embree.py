@@ -1,7 +1,10 @@
 """Embree as seen from kernels: the library, its entry points, the ray that kernels hand over, and a float's bits.
 
 The library is the one that the `embreex` wheel carries. Building scenes is `engine/accel.py`'s business; here are
-only the two calls that a path makes, and the layout of the 96 bytes that they read and write.
+only the two calls that a path makes, the layout of the memory that they read and write, and what Embree calls back.
+
+Lamps are seen but stop no ray. Embree therefore asks `lamp_filter` about each lamp that a ray meets, and that writes
+it down and lets the ray go on. So one search finds the next surface and all lamps before it, however they lie.
 """
 
 from __future__ import annotations
@@ -40,15 +43,28 @@ _rtcOccluded1 = types.ExternalFunction("rtcOccluded1", types.void(types.voidptr,
 TFAR = 8
 NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID = 12, 15, 16, 17, 18, 19, 20
 RAY_WORDS = 24
+# Behind it, for rays that note lamps, first the RTCIntersectArguments: flags, features, the context's address as two
+# words, two callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the lamps.
+_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, LAMP_COUNT, NOTED_LAMPS = 24, 25, 26, 34, 36, 38
+# Words of a lamp that was noted. LEAVES is 1 where the ray goes out of a sphere, else 0.
+NOTED_GEOM, NOTED_PRIM, NOTED_T, NOTED_LEAVES, NOTED_WORDS = 0, 1, 2, 3, 4
+MOST_LAMPS = 64  # that a search notes; it ends at one more
+MEMORY_WORDS = NOTED_LAMPS + (MOST_LAMPS + 1) * NOTED_WORDS
+_ALL_FEATURES = 0xFFFFFFFF
 INVALID = np.uint32(0xFFFFFFFF)
 _EXPONENT_BITS = np.int32(0x7F800000)
 
 
 def new_ray() -> np.ndarray:
-    """Scratch for one thread's rays: (24,) float32, aligned to 16 bytes as Embree demands."""
-    raw = np.zeros(RAY_WORDS + 4, np.float32)
+    """Scratch for one thread's rays: (MEMORY_WORDS,) float32, aligned to 16 bytes as Embree demands."""
+    raw = np.zeros(MEMORY_WORDS + 4, np.float32)
     start = (-raw.ctypes.data) % 16 // 4
-    return raw[start : start + RAY_WORDS]
+    ray = raw[start : start + MEMORY_WORDS]
+    bits = ray.view(np.uint32)
+    bits[_FEATURES] = _ALL_FEATURES
+    bits[_CONTEXT : _CONTEXT + 2] = INVALID
+    bits[_CONTEXT_ADDRESS : _CONTEXT_ADDRESS + 2].view(np.uint64)[0] = ray.ctypes.data + 4 * _CONTEXT
+    return ray
 
 
 @intrinsic
@@ -114,6 +130,44 @@ def intersect(scene, ray, words, origin, direction, t_near, t_far, mask):
     words[INST_ID] = INVALID
     _rtcIntersect1(_pointer(scene), _pointer(np.uintp(ray.ctypes.data)), _pointer(np.uintp(0)))
     return words[GEOM_ID] != INVALID
+
+
+@device
+def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, mask):
+    """As `intersect`, and note the lamps before the hit, in no order, and perhaps some behind it: LAMP_COUNT of them
+    from NOTED_LAMPS on. If there are too many, the hit itself is a lamp, the last one noted."""
+    _set_ray(ray, words, origin, direction, t_near, t_far, mask)
+    words[GEOM_ID] = INVALID
+    words[INST_ID] = INVALID
+    words[LAMP_COUNT] = np.uint32(0)
+    address = np.uintp(ray.ctypes.data)
+    _rtcIntersect1(_pointer(scene), _pointer(address), _pointer(address + np.uintp(4 * _ARGUMENTS)))
+    return words[GEOM_ID] != INVALID
+
+
+@cache
+def lamp_filter():
+    """What Embree asks about each lamp that a ray meets, whether it ends there (an RTCFilterFunctionN for one ray)."""
+
+    @callback("void(voidptr)")
+    def note(pointer):
+        arguments = carray(pointer, 5, np.uintp)  # valid, user pointer, context, ray, hit
+        context = carray(_pointer(arguments[2]), MEMORY_WORDS - _CONTEXT, np.uint32)
+        ray = carray(_pointer(arguments[3]), RAY_WORDS - NORMAL, np.float32)
+        normal = carray(_pointer(arguments[4]), 3, np.float32)
+        hit = carray(_pointer(arguments[4]), RAY_WORDS - NORMAL, np.uint32)
+        count = min(context[LAMP_COUNT - _CONTEXT], np.uint32(MOST_LAMPS))
+        place = NOTED_LAMPS - _CONTEXT + np.int64(count) * NOTED_WORDS
+        context[place + NOTED_GEOM] = hit[GEOM_ID - NORMAL]
+        context[place + NOTED_PRIM] = hit[PRIM_ID - NORMAL]
+        context[place + NOTED_T] = np.uint32(bits_of(ray[TFAR]))
+        outwards = ray[4] * normal[0] + ray[5] * normal[1] + ray[6] * normal[2] > np.float32(0)
+        context[place + NOTED_LEAVES] = np.uint32(outwards)
+        context[LAMP_COUNT - _CONTEXT] = count + np.uint32(1)
+        if count < MOST_LAMPS:
+            carray(_pointer(arguments[0]), 1, np.int32)[0] = 0
+
+    return note
 
 
 @device

@@ -5,9 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from ..features import DARK_WORLD, DISK, IMAGE_WORLD
-from .embree import GEOM_ID, INST_ID, INVALID, NORMAL, PRIM_ID, TFAR, bits_of, float_of, intersect, occluded
+from .embree import (
+    GEOM_ID,
+    INST_ID,
+    INVALID,
+    LAMP_COUNT,
+    NOTED_GEOM,
+    NOTED_LAMPS,
+    NOTED_LEAVES,
+    NOTED_PRIM,
+    NOTED_T,
+    NOTED_WORDS,
+    TFAR,
+    bits_of,
+    float_of,
+    intersect,
+    intersect_noting_lamps,
+)
 from .geom.surface import find_surface, offset_origin
-from .geom.vec import BLACK, FAR, ONE, ZERO, add_scaled, dot, is_black, length, negate, scale, sub
+from .geom.vec import BLACK, FAR, ONE, ZERO, add_scaled, is_black, length, negate, scale, sub
 from .jit import device
 from .light.emitters import (
     emission,
@@ -21,46 +37,31 @@ from .light.emitters import (
 from .light.groups import NO_SHARES, group_shares
 from .light.point import disk_distance, inside_lamp
 from .mis import met_light_weight
-from .records import MAX_TRANSPARENT, NO_LAMP, Light, Ray, Stretch, dimmed, gather, material_color
-from .tables import CAMERA_RAY, LAMP_MASK, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
-
-# Floats between a lamp that was met and where the rest of the ray starts.
-STEPS_PAST = np.int32(4)
+from .records import MAX_TRANSPARENT, Light, Ray, Stretch, dimmed, gather, material_color
+from .tables import CAMERA_RAY, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
 
 
 @device
 def follow(f, tables, memory, ray, stretch, light):
-    """Follow a ray through lamps to the next surface and gather what light it finds before it, or if none is left.
+    """Follow a ray to the next surface, and gather the light that it finds: of the lamps before the surface, and of
+    suns and the world if there is none.
 
-    Returns (whether a surface was met, which is then in `memory`, `light`, the lamp met last, rays traced)."""
-    geometry, wi = tables.geometry, ray.wi
-    t_near, last_lamp, rays = stretch.t_near, stretch.last_lamp, 0
-    while True:
-        rays += 1
-        mask = _reach(f, ray)
-        if not intersect(
-            geometry.accel[0], memory.floats, memory.words, stretch.start, wi, t_near, stretch.t_far, mask
-        ):
-            return False, _escaped(f, tables, ray, light), last_lamp, rays
-        if not (f.lamp_shapes and _is_lamp(f, geometry, memory.words)):
-            return True, light, last_lamp, rays
-        lamp, t_hit = _lamp_of_hit(geometry, tables.lights, memory.words), memory.floats[TFAR]
-        t_near = _neighbour(t_hit, STEPS_PAST)
-        # Far from the world's origin t is too coarse to leave a lamp behind: meeting it again counts for nothing.
-        if lamp != last_lamp:
-            last_lamp = lamp
-            while lamp >= 0:
-                memory.floats[TFAR] = t_hit  # a ray that looks for what is before a disk changes it
-                found, more = _met_lamp(f, tables, memory, ray, lamp, stretch.start)
-                light = gather(f, light, found)
-                rays += more
-                lamp = tables.lights.lamp_twin[lamp]
-            # The rest of the ray starts behind the lamp. A surface in the lamp's plane must not be passed over.
+    Returns (whether a surface was met, which is then in `memory`, `light`, rays traced)."""
+    scene, floats, words = tables.geometry.accel[0], memory.floats, memory.words
+    mask, t_near, rays = _reach(f, ray), stretch.t_near, 1
+    if f.lamp_shapes:
+        met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, t_near, stretch.t_far, mask)
+        light = _gather_lamps(f, tables, memory, ray, stretch.start, light)
+        while met and _is_lamp(f, tables.geometry, words):  # there were more than can be noted
             rays += 1
-            before = max(_neighbour(t_hit, -STEPS_PAST), stretch.t_near)
-            sight = SHADOW_RAY if ray.as_shadow else ray.kind
-            if intersect(geometry.accel[0], memory.floats, memory.words, stretch.start, wi, before, t_near, sight):
-                return True, light, last_lamp, rays
+            t_near = float_of(np.int32(bits_of(floats[TFAR]) + 1))
+            met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, t_near, stretch.t_far, mask)
+            light = _gather_lamps(f, tables, memory, ray, stretch.start, light)
+    else:
+        met = intersect(scene, floats, words, stretch.start, ray.wi, t_near, stretch.t_far, mask)
+    if not met:
+        light = _escaped(f, tables, ray, light)
+    return met, light, rays
 
 
 @device
@@ -98,9 +99,9 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
     of the path's next ray, what a shadow ray sees. Returns (`light`, rays traced)."""
     geometry, throughput = tables.geometry, light.throughput
     ray = Ray(ray.p, ray.n, ray.wi, ray.kind, ray.pdf, True)
-    stretch, rays = Stretch(start, ZERO, FAR, NO_LAMP), 0
+    stretch, rays = Stretch(start, ZERO, FAR), 0
     for _ in range(MAX_TRANSPARENT):
-        met, light, last_lamp, more = follow(f, tables, memory, ray, stretch, light)
+        met, light, more = follow(f, tables, memory, ray, stretch, light)
         rays += more
         if not met:
             break
@@ -112,7 +113,7 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
         light = dimmed(light, material_color(geometry, material, TRANSPARENCY))
         if is_black(light.throughput):
             break
-        stretch = Stretch(offset_origin(p, negate(ng)), ZERO, FAR, last_lamp)
+        stretch = Stretch(offset_origin(p, negate(ng)), ZERO, FAR)
     return Light(light.radiance, throughput, light.limit), rays
 
 
@@ -124,12 +125,6 @@ def _reach(f, ray):
     if f.lamp_shapes and (f.shared_light or ray.as_shadow or ray.kind == CAMERA_RAY):
         mask = np.uint32(mask | ray.kind << np.uint32(LAMP_SHIFT))
     return mask
-
-
-@device
-def _neighbour(t, steps):
-    """The float so many floats after t > 0."""
-    return float_of(np.int32(bits_of(t) + steps))
 
 
 @device
@@ -163,54 +158,72 @@ def _is_lamp(f, geometry, words):
 
 
 @device
-def _lamp_of_hit(geometry, lights, words):
-    """The lamp whose shape was hit."""
-    prim, base = np.int64(words[PRIM_ID]), np.int64(geometry.base[words[GEOM_ID]])
-    if geometry.kind[words[GEOM_ID]] == LAMP_QUADS:
+def _gather_lamps(f, tables, memory, ray, start, light):
+    """`light` with that of the lamps that were noted on the ray's way from `start` to its hit."""
+    floats, words = memory.floats, memory.words
+    for i in range(words[LAMP_COUNT]):
+        place = NOTED_LAMPS + i * NOTED_WORDS
+        if floats[place + NOTED_T] > floats[TFAR]:
+            words[place + NOTED_PRIM] = INVALID
+            continue
+        lamp = _noted_lamp(tables, words, place)
+        words[place + NOTED_PRIM] = np.uint32(lamp)
+        if not _noted_before(words, place):
+            light = gather(f, light, _met_lamp(f, tables, memory, ray, lamp, start, place))
+    return light
+
+
+@device
+def _noted_lamp(tables, words, place):
+    """The lamp whose shape was met."""
+    geometry, lights = tables.geometry, tables.lights
+    shape, prim = words[place + NOTED_GEOM], np.int64(words[place + NOTED_PRIM])
+    base = np.int64(geometry.base[shape])
+    if geometry.kind[shape] == LAMP_QUADS:
         return lights.lamp_of_quad[base + prim // 2]
     return lights.lamp_of_sphere[base + prim]
 
 
 @device
-def _met_lamp(f, tables, memory, ray, lamp, start):
-    """(radiance, MIS weight included, of the lamp whose shape a ray met on its way from `start`, rays traced)."""
+def _noted_before(words, place):
+    """Rays that meet the diagonal of a quad meet both of its triangles. The lamps, which have taken the primitives'
+    places, are compared."""
+    for other in range(NOTED_LAMPS, place, NOTED_WORDS):
+        if (
+            words[other + NOTED_PRIM] == words[place + NOTED_PRIM]
+            and words[other + NOTED_LEAVES] == words[place + NOTED_LEAVES]
+        ):
+            return True
+    return False
+
+
+@device
+def _met_lamp(f, tables, memory, ray, lamp, start, place):
+    """Radiance, MIS weight included, of the lamp noted at `place` by a ray on its way from `start`."""
     lights, p, wi = tables.lights, ray.p, ray.wi
-    t_hit = memory.floats[TFAR]
+    t_hit = memory.floats[place + NOTED_T]
     distance = length(sub(p, add_scaled(start, wi, t_hit)))
-    if not np.uint32(lights.lamps[lamp, LAMP_MASK]) & ray.kind:
-        return BLACK, 0
-    if _leaves_sphere(tables.geometry, memory, wi) and not inside_lamp(lights.lamps, lamp, p):
-        return BLACK, 0
+    if not _counts(tables, memory.words, place, lamp, p):
+        return BLACK
     scattered = ray.pdf > ZERO
     if scattered and not found_by_rays(f, lights, lamp, p):
-        return BLACK, 0
+        return BLACK
     radiance, pdf = lamp_seen(f, lights, lamp, p, ray.n, wi, distance)
     if is_black(radiance):
-        return BLACK, 0
-    rays = 0
+        return BLACK
     if f.lamp_kinds & DISK and lights.lamp_kind[lamp] & DISK:
         # Embree has no disk that turns towards a point, so what was met is the sphere around it.
-        rays = 1
         t_disk = disk_distance(lights.lamps, lamp, p, wi) - (distance - t_hit)
-        if t_disk > t_hit and _is_blocked(tables.geometry, memory, ray, start, t_hit, t_disk):
-            return BLACK, rays
+        if t_disk > memory.floats[TFAR]:
+            return BLACK
     if scattered:
         pdf *= local_probability(f, lights, tables.tree, lamp, p, ray.n)
-    return scale(radiance, met_light_weight(f, ray, pdf)), rays
+    return scale(radiance, met_light_weight(f, ray, pdf))
 
 
 @device
-def _leaves_sphere(geometry, memory, wi):
-    """Whether a lamp was met from within. Rays meet a sphere twice: for those that start outside the second time
-    does not count."""
-    if geometry.kind[memory.words[GEOM_ID]] == LAMP_QUADS:
-        return False
-    normal = (memory.floats[NORMAL], memory.floats[NORMAL + 1], memory.floats[NORMAL + 2])
-    return dot(wi, normal) > ZERO
-
-
-@device
-def _is_blocked(geometry, memory, ray, start, t_near, t_far):
-    """Whether the ray meets a surface between t_near and t_far."""
-    mask = SHADOW_RAY if ray.as_shadow else ray.kind
-    return occluded(geometry.accel[0], memory.floats, memory.words, start, ray.wi, t_near, t_far, mask)
+def _counts(tables, words, place, lamp, p):
+    """Rays meet a sphere twice: the first time counts, or for those from within the second. A quad has one side."""
+    if tables.geometry.kind[words[place + NOTED_GEOM]] == LAMP_QUADS:
+        return True
+    return (words[place + NOTED_LEAVES] != 0) == inside_lamp(tables.lights.lamps, lamp, p)

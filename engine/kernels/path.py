@@ -46,7 +46,6 @@ from .records import (
     LENS,
     LOBE,
     MAX_TRANSPARENT,
-    NO_LAMP,
     PASS,
     PIXEL,
     ROULETTE,
@@ -90,7 +89,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
     light, alpha, rays = Light(BLACK, WHITE, limits.clamp_direct), ONE, 0
     bounces, passed, last = Bounces(0, 0, 0), 0, np.bool_(False)  # a plain False would be a type of its own
     while True:
-        met, light, last_lamp, more = follow(f, tables, memory, ray, stretch, light)
+        met, light, more = follow(f, tables, memory, ray, stretch, light)
         rays += more
         if not met:
             if f.transparent_film and bounces.total == 0:
@@ -110,7 +109,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
                 passed += 1
                 if passed > MAX_TRANSPARENT:
                     break
-                stretch = Stretch(offset_origin(p, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR], last_lamp)
+                stretch = Stretch(offset_origin(p, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
                 continue
         if last or not _reflects(tables.geometry, material):
             break
@@ -137,7 +136,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
             if sample_1d(tables.sampler, key, order, numbers.dimension + ROULETTE) >= survival:
                 break
             light = dimmed(light, scale(WHITE, ONE / survival))
-        stretch = Stretch(vertex.start, ZERO, FAR, NO_LAMP)
+        stretch = Stretch(vertex.start, ZERO, FAR)
     return light.radiance, alpha, rays
 
 
@@ -151,7 +150,7 @@ def _camera_ray(f, tables, numbers, pixel_x, pixel_y):
     if f.lens:
         u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, LENS)
     origin, wi, t_near, t_far = generate_ray(tables.camera, f.orthographic, f.lens, x, y, u1, u2)
-    return Ray(origin, wi, wi, CAMERA_RAY, -ONE, False), Stretch(origin, t_near, t_far, NO_LAMP)
+    return Ray(origin, wi, wi, CAMERA_RAY, -ONE, False), Stretch(origin, t_near, t_far)
 
 
 @device

@@ -13,7 +13,6 @@ from .geom.vec import ONE, ZERO, add, average, mul, scale
 from .jit import device
 
 WHITE = (ONE, ONE, ONE)
-NO_LAMP = np.int32(-1)
 # Rays pass at most this many transparent surfaces in a row.
 MAX_TRANSPARENT = 256
 
@@ -45,9 +44,9 @@ class Tables(NamedTuple):
 
 
 class RayMemory(NamedTuple):
-    """The thread's 96 bytes in which Embree finds a ray and leaves its hit; kernels/embree.py names the words.
+    """The thread's memory in which Embree finds a ray and leaves its hit; kernels/embree.py names the words.
 
-    floats, words  the same memory as (24,) float32 and as (24,) uint32
+    floats, words  the same memory as float32 and as uint32
     """
 
     floats: np.ndarray
@@ -85,16 +84,11 @@ class Ray(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """The part of a ray that is yet to be followed.
-
-    t_near, t_far  metres from `start`
-    last_lamp      the lamp that it met last, or NO_LAMP
-    """
+    """The part of a ray that is yet to be followed. t_near, t_far: metres from `start`."""
 
     start: tuple
     t_near: np.float32
     t_far: np.float32
-    last_lamp: np.int32
 
 
 class Light(NamedTuple):

@@ -81,7 +81,6 @@ class Lights(NamedTuple):
     lamps             (L, 32) float32
     lamp_kind         (L,) int32
     lamp_of_quad, lamp_of_sphere  int32: lamp of each lamp geometry's primitive
-    lamp_twin         (L,) int32, the next lamp with the same shape at the same place, -1: none. Rays meet the first
     emitter_triangle  (E,) uint32, triangle of emitter L + i
     triangle_emitter  (T,) int32, emitter of a triangle, -1: none
     emitter_mask      (E,) uint8, visibility of emitter L + i
@@ -96,7 +95,6 @@ class Lights(NamedTuple):
     lamp_kind: np.ndarray
     lamp_of_quad: np.ndarray
     lamp_of_sphere: np.ndarray
-    lamp_twin: np.ndarray
     emitter_triangle: np.ndarray
     triangle_emitter: np.ndarray
     emitter_mask: np.ndarray

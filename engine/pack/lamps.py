@@ -7,16 +7,16 @@ import numpy as np
 from ..accel import SphereGeometry, TriangleGeometry
 from ..features import DISK, ELLIPSE, POINT, RECTANGLE, SPHERE, SPOT
 from ..kernels import tables as t
-from ..scene import AreaLight, Lamp, PointLight, SpotLight, Visibility
+from ..scene import AreaLight, PointLight, SpotLight, Visibility
 from ..validate import SMALLEST_SIZE
 from .geometry import VERTEX_PADDING
 
 RAYS_THAT_SEE = Visibility.CAMERA | Visibility.DIFFUSE | Visibility.GLOSSY
 # Below this half spread, 1 / (tan h - h) cancels in float64: its series is 3 / h^3. Its cube must fit float32.
 SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
-# Lamps coincide if their shapes do up to this power of two of their largest coordinate.
-COINCIDENT_BITS = 18
-COINCIDENT_PART = 1e-3  # and at most by this part of their size
+# An area lamp's shape for rays lies before the lamp by this part of its coordinates, four roundings of float32, so that
+# rays meet it before a surface in the lamp's plane. Light samples stop before the lamp by more: see kernels/direct.py.
+BEFORE_LAMP = 2.0**-22
 
 
 def unit(v: np.ndarray) -> np.ndarray:
@@ -75,37 +75,6 @@ def pack_area(row: np.ndarray, light: AreaLight) -> int:
     return ELLIPSE if light.ellipse else RECTANGLE
 
 
-def coincident(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lamps with the same shape at the same place, as copies of a lamp or two back to back: a ray meets only one.
-
-    Returns (the next such lamp of each, -1: none; whether it is the first; the visibility of all of them).
-    """
-    twin, is_first = np.full(len(local), -1, np.int32), np.ones(len(local), np.bool_)
-    masks = np.array([int(light.visibility & RAYS_THAT_SEE) for light in local], np.int64)
-    last: dict[tuple, tuple[int, int]] = {}
-    for i, row in enumerate(rows):
-        if kinds[i] & POINT:
-            continue
-        place = _place(kinds[i], row)
-        first, previous = last.get(place, (i, -1))
-        if previous >= 0:
-            twin[previous], is_first[i] = i, False
-            masks[first] |= masks[i]
-        last[place] = first, i
-    return twin, is_first, masks
-
-
-def _place(kind: int, row: np.ndarray) -> tuple:
-    """The lamp's shape, the same for lamps that only rounding tells apart."""
-    flat = bool(kind & (RECTANGLE | ELLIPSE))
-    points = corners_of(row) if flat else np.array([[*row[t.POSITION : t.POSITION + 3], row[t.SIZE]]], np.float64)
-    # A power of two: so round numbers lie in the middle of what is rounded to them.
-    step = 2.0 ** np.floor(np.log2(max(np.abs(points).max() * 1.001, 1e-30)) - COINCIDENT_BITS)
-    size = max(float(row[t.SIZE]), float(row[t.SIZE + 1]), 1e-30)
-    step = min(step, 2.0 ** np.floor(np.log2(size * COINCIDENT_PART)))
-    return flat, step, *sorted(tuple(p) for p in np.round(points / step).astype(np.int64).tolist())
-
-
 def lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
     """Embree geometries of the lamps that some ray can meet, by visibility (0: no ray meets it).
 
@@ -120,7 +89,7 @@ def lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
         quads = np.flatnonzero((masks == mask) & ((kinds & (RECTANGLE | ELLIPSE)) != 0))
         quads = quads[np.all(rows[quads, t.SIZE : t.SIZE + 2] > 0, axis=1)]
         if len(quads):
-            shapes.append(_quads(np.array([corners_of(rows[i]) for i in quads]), int(mask) << t.LAMP_SHIFT))
+            shapes.append(_quads(np.array([_shape(rows[i]) for i in quads]), int(mask) << t.LAMP_SHIFT))
             shape_kind.append(t.LAMP_QUADS)
             shape_base.append(len(of_quad))
             of_quad.extend(quads)
@@ -141,9 +110,16 @@ def corners_of(row: np.ndarray) -> np.ndarray:
     return np.array([center - x - y, center + x - y, center + x + y, center - x + y])
 
 
+def _shape(row: np.ndarray) -> np.ndarray:
+    """(4, 3) corners by which rays meet the lamp."""
+    corners = corners_of(row)
+    return corners + BEFORE_LAMP * np.abs(corners).max() * row[t.AXIS : t.AXIS + 3].astype(np.float64)
+
+
 def _quads(corners: np.ndarray, mask: int) -> TriangleGeometry:
     """corners (Q, 4, 3): two triangles each."""
     vertices = np.zeros((4 * len(corners) + VERTEX_PADDING, 3), np.float32)
     vertices[:-VERTEX_PADDING] = corners.reshape(-1, 3)
     first = 4 * np.arange(len(corners))[:, None, None]
-    return TriangleGeometry(vertices, (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3).astype(np.uint32), mask)
+    triangles = (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3).astype(np.uint32)
+    return TriangleGeometry(vertices, triangles, mask, is_lamp=True)

@@ -22,7 +22,7 @@ from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SunLight, Visibil
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
 from .geometry import PackedGeometry, own
-from .lamps import RAYS_THAT_SEE, coincident, lamp_shapes, pack_area, pack_point, unit
+from .lamps import RAYS_THAT_SEE, lamp_shapes, pack_area, pack_point, unit
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
 # Of a sun or the world, in W/m2: sums stay finite.
@@ -59,8 +59,8 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
 
     emitter_triangle, rectangles, triangle_emitter, of_meshes = mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
-    twin, is_first, masks = coincident(local, kinds, rows)
-    shapes, shape_kind, shape_base, of_quad, of_sphere = lamp_shapes(kinds, rows, np.where(is_first, masks, 0))
+    masks = rows[:, t.LAMP_MASK].astype(np.int64)
+    shapes, shape_kind, shape_base, of_quad, of_sphere = lamp_shapes(kinds, rows, masks)
     emitters = join_emitters(lamp_emitters(local, kinds, rows), of_meshes)
     count = len(emitters.power)
     world_kind = _world_kind(scene.world)
@@ -71,7 +71,6 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         lamp_kind=kinds,
         lamp_of_quad=of_quad,
         lamp_of_sphere=of_sphere,
-        lamp_twin=twin,
         emitter_triangle=emitter_triangle,
         triangle_emitter=triangle_emitter,
         emitter_mask=emitter_mask,

@@ -162,16 +162,6 @@ def test_the_sky_counts_by_where_it_is_bright():
     assert share[1.0] > 1.5 * share[-1.0]
 
 
-def test_coincident_lamps_are_one_shape_of_all_their_visibility():
-    near = scenes.lamp("area")
-    copy = replace(near, transform=near.transform + 1e-8, visibility=Visibility.GLOSSY)
-    apart = replace(near, transform=near.transform + np.array([[0, 0, 0, 1e-3]]))
-    scene = room([replace(near, visibility=Visibility.CAMERA), copy, apart, scenes.lamp("sphere")])
-    lights = pack(scene, Settings()).lights
-    assert lights.lamp_twin.tolist() == [1, -1, -1, -1]
-    assert sorted(lights.lamp_of_quad.tolist()) == [0, 2]
-
-
 def test_the_reach_of_a_spot_holds_its_whole_cone():
     random = np.random.default_rng(4)
     turns = 2 * np.pi * np.arange(720) / 720

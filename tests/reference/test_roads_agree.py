@@ -14,7 +14,7 @@ import scenes
 from scipy import stats
 
 import engine
-from engine.scene import Aperture, Material, Scene, Visibility
+from engine.scene import Aperture, AreaLight, Material, PointLight, Scene, Visibility
 from engine.settings import Settings
 
 SEEDS = 8
@@ -48,6 +48,38 @@ def coincident(*changes: dict, kinds=("area", "area"), turn=1.0) -> Scene:
         light.transform[:, :3] = scenes.place(towards=(0.1, -1.0, -0.2))[:, :3]
     scene.lights[-1].transform[:, 1:3] *= turn
     scene.lights = [replace(light, **change) for light, change in zip(scene.lights, changes, strict=True)]
+    return scene
+
+
+def overlapping() -> Scene:
+    """Three lamps of one plane, each partly over the next."""
+    scene = coincident({}, {"radiance": (0.0, 5.0, 0.0)}, {"size_y": 1.5}, kinds=("area", "ellipse", "area"))
+    for step, light in enumerate(scene.lights):
+        light.transform[:, 3] += 0.35 * step * light.transform[:, 0]
+    return scene
+
+
+def crowd() -> Scene:
+    """A hundred faint lamps, a hand's breadth from the first to the last."""
+    scene = scenes.lamp_room(["area", "sphere"], SIZE, ks=0.6, exponent=300.0)
+    area, sphere = scene.lights
+    assert isinstance(area, AreaLight) and isinstance(sphere, PointLight)
+    scene.lights = []
+    for step in range(50):
+        for light in (
+            replace(area, radiance=tuple(value / 50 for value in area.radiance)),
+            replace(sphere, intensity=tuple(value / 50 for value in sphere.intensity)),
+        ):
+            scene.lights.append(replace(light, transform=light.transform + np.array([[0, 0, 0, 0.002 * step]])))
+    return scene
+
+
+def sheet_inside() -> Scene:
+    """Between the disk of a soft lamp and the sphere around it, by which rays meet the disk: a sheet that hides half
+    of the disk."""
+    scene = scenes.lamp_room(["soft"], SIZE, ks=0.6, exponent=300.0)
+    x, y, z = scene.lights[0].transform[:, 3]
+    scene.add_instance(scenes.quad_mesh((x - 0.6, y - 0.6, z - 0.2), (0.6, 0, 0), (0, 1.2, 0)), materials=(0,))
     return scene
 
 
@@ -86,6 +118,9 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "lamps back to back": lambda: coincident({}, {"radiance": (0.0, 5.0, 0.0)}, turn=-1.0),
     "a lamp twice, hidden": lambda: coincident({"visibility": NO_CAMERA}, {"visibility": NO_GLOSS}),
     "a lamp twice, one without shadow": lambda: coincident({"cast_shadow": False}, {}),
+    "lamps that overlap in a plane": overlapping,
+    "more lamps behind each other than are noted": crowd,
+    "a sheet inside a soft lamp": sheet_inside,
     "two shapes in one": lambda: coincident({}, {"size_x": 1.5}, kinds=("area", "ellipse")),
     "sphere and disk in one": lambda: coincident({}, {}, kinds=("soft", "sphere")),
     "pane hidden from shadow rays": lambda: pane(Visibility.ALL & ~Visibility.SHADOW),
