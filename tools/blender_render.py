@@ -37,7 +37,7 @@ def open_blend(path: Path, scene_name: str | None = None):
     import bpy
 
     if not path.is_file():
-        raise ToolError(f"there is no file {str(path)!r}")
+        raise ToolError(f"{str(path)!r} does not exist: expected a .blend file")
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
     except RuntimeError as error:

@@ -58,11 +58,14 @@ def output_path(text: str) -> Path:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="render.py", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("file", type=Path, metavar="FILE.blend")
-    parser.add_argument("--engine", type=str.upper, choices=br.ENGINES, default="LOBE")
-    parser.add_argument("--samples", type=whole_number(1, 1 << 24), metavar="N", help="per pixel")
-    parser.add_argument("--seed", type=whole_number(-(1 << 31), (1 << 31) - 1), metavar="N")
+    parser.add_argument("--engine", type=str.upper, choices=br.ENGINES, default="LOBE",
+                        help="default: LOBE, whatever engine the file has")  # fmt: skip
+    parser.add_argument("--samples", type=whole_number(1, 1 << 24), metavar="N", help="per pixel; default: the file's")
+    parser.add_argument("--seed", type=whole_number(-(1 << 31), (1 << 31) - 1), metavar="N",
+                        help="another seed is another picture of the same noise; default: the file's")  # fmt: skip
     parser.add_argument("--resolution", type=resolution, metavar="WxH", help="the pixels of the picture")
-    parser.add_argument("--frame", type=whole_number(-1048574, 1048574), metavar="N")
+    parser.add_argument("--frame", type=whole_number(-1048574, 1048574), metavar="N",
+                        help="of the animation; default: the one that the file was saved at")  # fmt: skip
     parser.add_argument("--threads", type=whole_number(0, 1024), metavar="N", help="0: one for each core")
     parser.add_argument("--set", action="append", default=[], metavar="scene.lobe.KEY=VALUE", dest="assignments",
                         help="any setting; may be given again")  # fmt: skip
@@ -72,7 +75,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--scene", metavar="NAME", help="a scene of the file other than the active one")
     parser.add_argument("-o", "--output", action="append", required=True, type=output_path, metavar="OUT.png|OUT.exr",
                         help="may be given again")  # fmt: skip
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.as_is and options.engine != "CYCLES":
+        parser.error("--as-is keeps Cycles' settings as they are in the file: it needs --engine CYCLES")
+    if any(assignment.replace(" ", "").startswith("scene.render.engine=") for assignment in options.assignments):
+        parser.error("choose the engine with --engine LOBE or --engine CYCLES, not with --set")
+    return options
 
 
 def prepare(options: argparse.Namespace):
@@ -153,7 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
     with br.quiet_stdout() as say:
         try:
             if not options.file.is_file():  # before the seconds that Blender takes to start
-                raise br.ToolError(f"there is no file {str(options.file)!r}")
+                what = "is a folder" if options.file.is_dir() else "does not exist"
+                raise br.ToolError(f"{str(options.file)!r} {what}: expected a .blend file")
             for path in options.output:
                 _check_output(path)
             enable_lobe()

@@ -13,6 +13,8 @@ from bl_ext.user_default.lobe.addon.phong_group import phong_group
 
 from tests.blender.export_checks import add_camera, add_object, cycles_picture, depsgraph, new_material, plane_mesh
 
+DARKER_RIM = "material 'M': the gloss is a Phong lobe here, which darkens towards the rim: to half at 60 degrees"
+
 
 def exported(material):
     """The engine's material and the warnings for one Blender material."""
@@ -43,7 +45,7 @@ def test_glossy():
     )
     assert material.ks == pytest.approx((0.1, 0.2, 0.3)) and material.kd == (0, 0, 0)
     assert material.exponent == pytest.approx(30)
-    assert warnings == []
+    assert warnings == [DARKER_RIM]
 
 
 def test_emission():
@@ -136,7 +138,7 @@ def test_lobes_of_different_roughness_become_one():
     result, warnings = exported(material)
     assert result.ks == pytest.approx([0.8] * 3)
     assert result.exponent == pytest.approx(units.roughness_to_exponent(0.4))
-    assert warnings == ["material 'M': several glossy lobes of different roughness are drawn as one"]
+    assert warnings == [DARKER_RIM, "material 'M': several glossy lobes of different roughness are drawn as one"]
 
 
 PRINCIPLED = {
@@ -164,11 +166,12 @@ def test_principled_ends():
         new_material("Plain", "ShaderNodeBsdfPrincipled", Base_Color=(0.5, 0.2, 0.1, 1), Specular_IOR_Level=0.0)[0]
     )
     assert plain.kd == pytest.approx((0.5, 0.2, 0.1)) and plain.ks == pytest.approx((0, 0, 0))
-    metal, _ = exported(
+    metal, warnings = exported(
         new_material("Metal", "ShaderNodeBsdfPrincipled", Base_Color=(1, 1, 1, 1), Metallic=1.0, Roughness=0.5)[0]
     )
     assert metal.kd == (0, 0, 0) and metal.ks == pytest.approx((1, 1, 1)) and metal.exponent == pytest.approx(30)
-    glow, _ = exported(
+    assert warnings == [DARKER_RIM]
+    assert warnings == [DARKER_RIM.replace("'M'", "'Metal'")]
         new_material("Glow", "ShaderNodeBsdfPrincipled", Emission_Color=(1, 0.5, 0, 1), Emission_Strength=2.0)[0]
     )
     assert glow.emission == pytest.approx((2, 1, 0))

@@ -29,7 +29,19 @@ def fails(done: subprocess.CompletedProcess, message: str) -> None:
 
 
 def test_missing_file(repository, tmp_path):
-    fails(command(repository, "no.blend", "-o", tmp_path / "a.png"), "render.py: there is no file 'no.blend'")
+    done = command(repository, "no.blend", "-o", tmp_path / "a.png")
+    fails(done, "render.py: 'no.blend' does not exist: expected a .blend file")
+
+
+def test_a_folder_in_place_of_the_file(repository, tmp_path):
+    done = command(repository, tmp_path, "-o", tmp_path / "a.png")
+    fails(done, f"render.py: {str(tmp_path)!r} is a folder: expected a .blend file")
+
+
+def test_options_that_contradict_each_other(repository, tmp_path):
+    words = ("sample_blends/cornell_diffuse.blend", "-o", tmp_path / "a.png")
+    fails(command(repository, *words, "--as-is"), "it needs --engine CYCLES")
+    fails(command(repository, *words, "--set", "scene.render.engine=CYCLES"), "choose the engine with --engine LOBE")
 
 
 def test_not_a_blend(repository, tmp_path):

@@ -22,6 +22,7 @@ def glossy(walk: Walk, slot: Slot) -> Surface:
     walk.note_normal(slot)
     if walk.number(slot, "Anisotropy") != 0.0:
         walk.note("anisotropy is not supported, drawn as isotropic")
+    walk.note_darker_rim()
     return Surface(lobes=((walk.rough_share(slot) * walk.color(slot, "Color"), walk.exponent(slot)),))
 
 

@@ -53,6 +53,8 @@ def principled(walk: Walk, slot: Slot) -> Surface:
             walk.note(sentence)
     base = np.minimum(walk.color(slot, "Base Color"), 1.0)
     metallic = walk.fraction(slot, "Metallic")
+    if metallic > 1e-5:
+        walk.note_darker_rim()
     transmission = walk.fraction(slot, "Transmission Weight")
     alpha = walk.fraction(slot, "Alpha", 1.0)
     tint = walk.color(slot, "Specular Tint", (1.0, 1.0, 1.0))

@@ -105,6 +105,10 @@ class Walk:
         """What the node's microfacet distribution leaves of its reflectance, see units.py."""
         return rough_share(getattr(slot.node, "distribution", ""), self.fraction(slot, "Roughness", 0.5))
 
+    def note_darker_rim(self) -> None:
+        """Of what is all gloss: a Phong lobe's albedo falls with the cosine."""
+        self.note("the gloss is a Phong lobe here, which darkens towards the rim: to half at 60 degrees")
+
     def note_normal(self, slot: Slot, name: str = "Normal") -> None:
         """Normal maps and bump change nothing here."""
         normal = slot.input(name)
