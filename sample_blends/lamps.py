@@ -11,6 +11,7 @@ import common as c
 
 BAY = 2.0  # width, height and depth of a bay
 BOARD = 0.06
+RECESS = 0.01  # of the uprights: two faces in one plane, where boards cross, would shade each other in Cycles
 PLINTH = 0.38  # height of what each row stands on, with the signs on its front
 COLUMNS, ROWS = 4, 2
 
@@ -40,7 +41,7 @@ def add_cabinet(wood, dark) -> None:
     boards = [((-right, BAY, 0), (right, BAY + BOARD, top)), ((-right, 0, top), (right, BAY, top + BOARD))]
     for column in range(COLUMNS + 1):
         x = -right + column * BAY
-        boards.append(((x - BOARD / 2, 0, 0), (x + BOARD / 2, BAY, top)))
+        boards.append(((x - BOARD / 2, RECESS, 0), (x + BOARD / 2, BAY, top)))
     for row in range(ROWS):
         bottom = row * (BAY + PLINTH)
         boards.append(((-right, 0, bottom + PLINTH - BOARD), (right, BAY, bottom + PLINTH)))
