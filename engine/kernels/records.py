@@ -107,7 +107,8 @@ class Light(NamedTuple):
 class Vertex(NamedTuple):
     """A point where a path is scattered.
 
-    p, n, ng  position, shading and geometric normal, both on wo's side as the mesh has them to each other
+    p, n, ng  position, shading and geometric normal, both on wo's side as the mesh has them to each other. ng is as
+              long as the step off the surface, see geom/surface.py
     start     where rays that leave p begin
     wo        unit, back along the path
     surface   (kd, ks, exponent, probability of drawing the Phong lobe)

@@ -78,7 +78,7 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
         transforms=_join(shapes.transforms, (0, 3, 4), np.float32),
         slot_offset=_join(shapes.slot_offset, (0,), np.int32),
         slot_count=_join(shapes.slot_count, (0,), np.int32),
-        slots=own(instances.material_table, np.int32),
+        slots=fresh(instances.material_table, np.int32),
         materials=materials,
     )
     used = np.zeros(len(materials), bool)
@@ -219,7 +219,7 @@ def _add_shared(scene: Scene, shared: dict[int, np.ndarray], out: _Triangles, sh
             shapes.slot_count.append(instances.slot_count[members])
 
 
-def own(values, dtype) -> np.ndarray:
+def fresh(values, dtype) -> np.ndarray:
     """A fresh array for a table. Numba compiles a kernel anew, for seconds, if one is strided or read-only."""
     return np.array(values, dtype, order="C")
 
@@ -262,7 +262,7 @@ def _moved_origin(transforms: np.ndarray, center: np.ndarray) -> np.ndarray:
     once."""
     moved = np.array(transforms, np.float64)
     moved[:, :, 3] += moved[:, :, :3] @ center
-    return own(moved, np.float32)
+    return fresh(moved, np.float32)
 
 
 def _transform(points: np.ndarray, linear: np.ndarray, origin: np.ndarray, out: np.ndarray) -> None:

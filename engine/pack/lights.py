@@ -21,7 +21,7 @@ from ..kernels.light.environment import EnvironmentTable, build_environment, env
 from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SunLight, Visibility, World
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
-from .geometry import PackedGeometry, own
+from .geometry import PackedGeometry, fresh
 from .lamps import RAYS_THAT_SEE, lamp_shapes, pack_area, pack_point, unit
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
@@ -77,7 +77,7 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         emitter_rectangle=rectangles,
         suns=np.array([_pack_sun(sun) for sun in suns], np.float32).reshape(-1, t.SUN_WORDS),
         world=_pack_world(scene.world, environment),
-        world_rotation=own(scene.world.rotation, np.float32),
+        world_rotation=fresh(scene.world.rotation, np.float32),
     )
     features = {
         "mesh_emitters": int(len(emitter_triangle) > 0),
@@ -129,7 +129,7 @@ def _world_kind(world: World) -> int:
 
 
 def _world_image(world: World, kind: int) -> np.ndarray:
-    """Not copied if it is as `own` would make it: such an image may be large."""
+    """Not copied if it is as `fresh` would make it: such an image may be large."""
     if kind != IMAGE_WORLD or world.image is None:
         return NO_IMAGE
     return np.require(world.image, np.float32, ["C", "A", "W", "E"])

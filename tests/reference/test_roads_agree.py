@@ -1,7 +1,4 @@
-"""The compiled road against the reference, and the reference against itself with everything drawn differently.
-
-Pictures of 8 seeds each: pixel by pixel with Welch's t-test, and their means.
-"""
+"""The compiled road against the reference, and the reference against itself with everything drawn differently."""
 
 from __future__ import annotations
 
@@ -11,16 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scenes
-from scipy import stats
+from agreement import assert_agree, pictures
 
-import engine
 from engine.scene import Aperture, AreaLight, Material, PointLight, Scene, Visibility
-from engine.settings import Settings
 
-SEEDS = 8
 SIZE = 16
-PIXEL_LEVEL = 0.0025  # a pixel fails below this p-value; so 0.25 % of them do though all is right
-MEAN_LEVEL = 1e-3
 
 
 def bokeh() -> Scene:
@@ -127,28 +119,6 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "pane for shadow rays only": lambda: pane(Visibility.SHADOW),
     **{kind: lambda kind=kind: scenes.lamp_room([kind], SIZE) for kind in scenes.LAMP_KINDS},
 }
-
-
-def pictures(scene: Scene, **settings) -> np.ndarray:
-    """(SEEDS, pixels, 3) float64"""
-    chosen = {"samples": 64, "max_bounces": 4, "pixel_filter": "BOX", "threads": 1, **settings}
-    results = [engine.render(scene, Settings(**chosen, seed=seed)) for seed in range(SEEDS)]
-    assert not any(result.rejected for result in results)
-    return np.array([result.pixels[..., :3].reshape(-1, 3) for result in results], np.float64)
-
-
-def assert_agree(one: np.ndarray, other: np.ndarray) -> None:
-    # A pixel that is the same in all seeds has no variance: what float32 rounds off is allowed in its place.
-    difference = one.mean(axis=0) - other.mean(axis=0)
-    variance = (one.var(axis=0, ddof=1) + other.var(axis=0, ddof=1)) / SEEDS
-    t = difference / np.sqrt(variance + (1e-5 * (np.abs(one.mean(axis=0)) + 1e-5)) ** 2)
-    failing = np.count_nonzero(2 * stats.t.sf(np.abs(t), SEEDS - 1) < PIXEL_LEVEL)
-    allowed = stats.binom.ppf(0.9999, t.size, PIXEL_LEVEL)
-    assert failing <= allowed, f"{failing} of {t.size} pixels differ, {allowed:g} may"
-
-    a, b = one.mean(axis=(1, 2)), other.mean(axis=(1, 2))
-    p_value = stats.ttest_ind(a, b, equal_var=False).pvalue
-    assert p_value > MEAN_LEVEL, f"means {a.mean()} and {b.mean()} differ, p = {p_value}"
 
 
 @pytest.mark.parametrize("name", SCENES)

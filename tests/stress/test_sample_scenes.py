@@ -3,34 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from sample_scenes import SCENES, sample_scene
 from stress import moves
 
-from engine.scene import Scene
-
 pytestmark = pytest.mark.long
-SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
-FOLDER = Path(__file__).resolve().parents[2] / "sample_blends"
 ALONG = np.array([0.6, -0.7, 0.39])
-
-
-@cache
-def sample_scene(name: str) -> Scene:
-    """Exported through bpy, at a small size."""
-    from tools.lobe_blender import enable_lobe
-
-    enable_lobe()
-    import bpy
-    from bl_ext.user_default.lobe.addon.export import export_scene
-
-    from tools import blender_render
-
-    scene = blender_render.open_blend(FOLDER / f"{name}.blend")
-    scene.render.resolution_percentage = max(1, round(100 * 48 / scene.render.resolution_x))
-    return moves.adopted(export_scene(bpy.context.evaluated_depsgraph_get()))
 
 
 @cache

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...features import IMAGE_WORLD, NO_EMITTER
-from ..geom.vec import ONE, TINY, ZERO
+from ..geom.vec import LARGE, ONE, TINY, ZERO
 from ..jit import device
 from ..tables import WORLD_IRRADIANCE
 from .sun import suns_importance
@@ -24,7 +24,6 @@ from .tree import tree_importance
 LEAST_SHARE = np.float32(1 / 3)
 # Two bands of spherical harmonics may turn negative: the least irradiance of the world, as a part of its mean.
 LEAST_IRRADIANCE = np.float32(0.1)
-LARGE = np.float32(1e30)  # no infinities beside a lamp
 
 
 class Shares(NamedTuple):
@@ -60,5 +59,6 @@ def group_shares(f, lights, tree, p, n):
     suns = max(suns, least) if suns > ZERO else ZERO
     world = max(world, least) if world > ZERO else ZERO
     total = local + suns + world
-    inverse = ONE / total if total > TINY else ZERO
-    return Shares(local * inverse, suns * inverse, world * inverse)
+    if total <= TINY:
+        return NO_SHARES
+    return Shares(local / total, suns / total, world / total)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geom.vec import HALF, LAST_BELOW_ONE, ONE, SMALL, ZERO, dot
+from ..geom.vec import HALF, LARGE, LAST_BELOW_ONE, ONE, SMALL, ZERO, dot
 from ..jit import device
 
 # Words of a node, one cache line. COS_TOTAL: of theta_o + theta_e. CHILD is an integer: the row of the left child, with
@@ -34,7 +34,6 @@ CENTER, HALF_SIZE, POWER, AXIS, COS_O, SIN_O, COS_TOTAL, CHILD, TWO_SIDED, NODE_
     16,
 )
 
-LARGE = np.float32(1e30)  # so that a lamp thrown far out cannot drown its clusters in infinities
 ROOT = np.int32(0)
 # Rounding may put an emitter that touches its bounds beyond them: cones are widened by this, as a cosine.
 SLACK = np.float32(1e-5)
