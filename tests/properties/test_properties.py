@@ -6,6 +6,9 @@ examples are the same in every run, so a failure is one that the code has made.
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from contextlib import nullcontext
 from unittest import mock
@@ -22,6 +25,7 @@ import engine.pack.geometry as packing
 import engine.schedule as schedule
 from engine import Material, Scene, Settings, World, render
 from engine.features import DARK_WORLD, Features
+from engine.kernels.jit import AS_WRITTEN
 from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8
@@ -121,9 +125,8 @@ FIXED = {
     "glossy": lambda: scenes.lamp_room(["sphere", "wide_sun"], 12),
     "image": lambda: scenes.sky_plate(12),
 }
-# What a feature adds lies among the other multiplications and additions, and LLVM may contract and reorder those
-# (`fastmath` in kernels/jit.py): some pixels move by a rounding. Without `contract` and `reassoc` none does, but for
-# the choice between groups of lights, which then divides by a sum of one; that costs 1 to 8 % of the time.
+# What a feature adds lies among the other multiplications and additions, and LLVM may contract and reorder those, so
+# that some pixels move by a rounding. Where it calculates as is written (kernels/jit.py) none does.
 ROUNDING = 1e-5  # relative
 TURNED = 0.02  # of the pixels: a rounding may turn a decision of a path over
 
@@ -159,6 +162,26 @@ def test_features_that_a_scene_does_not_use_change_no_more_than_roundings(name):
     if share_of_changed(scene, EVERYTHING) > TURNED:
         guilty = [feature for feature in EVERYTHING if share_of_changed(scene, [feature]) > TURNED]
         pytest.fail(f"{guilty or 'several together'} change the picture of a scene without them")
+
+
+@pytest.mark.skipif(not AS_WRITTEN, reason="runs in a process of its own, below")
+@pytest.mark.parametrize("name", FIXED)
+def test_no_bit(name):
+    scene = FIXED[name]()
+    if different(scene, EVERYTHING).any():
+        guilty = [feature for feature in EVERYTHING if different(scene, [feature]).any()]
+        pytest.fail(f"{guilty or 'several together'} change the picture of a scene without them")
+
+
+@pytest.mark.skipif(AS_WRITTEN, reason="this is that process")
+def test_features_that_a_scene_does_not_use_change_no_bit_of_what_is_calculated_as_written():
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-k", "test_no_bit", __file__],
+        env={**os.environ, "LOBE_CALCULATE_AS_WRITTEN": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and f"{len(FIXED)} passed" in done.stdout, done.stdout
 
 
 def test_a_feature_that_changes_the_picture_is_noticed(monkeypatch):
