@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from PIL import Image
+import OpenImageIO as oiio
 
 ROOT = Path(__file__).resolve().parent.parent
 LIMIT = 150_000  # bytes of a picture
@@ -28,9 +28,12 @@ PICTURES = {
 
 def strip(picture: Path) -> None:
     """Without Blender's metadata, which holds the path of the file that was rendered."""
-    with Image.open(picture) as image:
-        pixels = Image.frombytes("RGB", image.size, image.convert("RGB").tobytes())
-    pixels.save(picture, optimize=True)
+    pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.UINT8)[..., :3]
+    bare = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
+    bare.attribute("png:compressionLevel", 9)
+    output = oiio.ImageOutput.create(str(picture))
+    if not (output and output.open(str(picture), bare) and output.write_image(pixels) and output.close()):
+        sys.exit(f"{picture} cannot be written: {oiio.geterror()}")
 
 
 def main(names: list[str]) -> None:

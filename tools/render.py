@@ -118,6 +118,7 @@ def run(options: argparse.Namespace) -> dict:
 
         def show(done: int, total: int) -> None:
             bar.total = total
+            bar.set_postfix_str("", refresh=False)
             bar.update(max(done - bar.n, 0))
 
         report = br.render(scene, show, bar.set_postfix_str)
