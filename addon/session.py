@@ -125,7 +125,7 @@ class _Worker:
         self._error: BaseException | None = None
         self._done = False
         self._stop = threading.Event()
-        # A daemon: Blender may be closed while a cancelled compilation still runs.
+        # A daemon: when Blender is closed it waits for no picture, only for a compilation that is under way.
         self._thread = threading.Thread(target=self._run, args=(scene, settings), name="Lobe render", daemon=True)
         self._thread.start()
 

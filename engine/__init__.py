@@ -85,18 +85,22 @@ def render(
     result = render_reference(scene, settings, progress=progress, stop=stop)
     result.road = "REFERENCE"
     if problem is not None:
-        result.warnings.append(f"Numba could not be imported ({problem}): rendered by the slow reference road")
+        result.warnings.append(f"Numba cannot be used ({problem}): rendered by the slow reference road")
     return result
 
 
 def _numba_problem() -> str | None:
-    """Why Numba can't be imported, None where it can.
+    """Why Numba can't do its work, None where it can.
 
-    Another extension may have brought versions of it, of llvmlite or of numpy that don't go together, which shows in
-    errors of many kinds; the reference road needs none of them.
+    Another extension may have brought versions of it, of llvmlite or of numpy that don't go together, or others than
+    the kernels are made for, which shows in errors of many kinds; the reference road needs none of them.
     """
     try:
-        import numba  # noqa: F401
+        import numba
+
+        if getattr(numba.config, "DISABLE_JIT", 0):
+            return "NUMBA_DISABLE_JIT is set"
+        from . import schedule  # noqa: F401
     except Exception as error:
         return (str(error).splitlines() or [type(error).__name__])[0]
     return None

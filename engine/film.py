@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import numpy as np
 
+from .errors import LobeError
+
 RETRIES = 8  # of reading pixels that are being written
+STRIP_PIXELS = 1 << 14  # are read at a time: a large picture has no room for copies, and a strip fits the cache
 
 
 class Film:
@@ -18,20 +24,45 @@ class Film:
         x0, y0, x1, y1 = region
         self.region = region
         self.exposure = exposure
-        self.sums = np.zeros((y1 - y0, x1 - x0, 4))
-        self.samples = np.zeros((y1 - y0, x1 - x0), np.int32)
+        with self._memory("sum up", np.float64):
+            self.sums = np.zeros((y1 - y0, x1 - x0, 4))
+            self.samples = np.zeros((y1 - y0, x1 - x0), np.int32)
 
     def pixels(self) -> np.ndarray:
         """(h, w, 4) float32, scene-linear, premultiplied; black where there is no sample yet.
 
         May be called while threads add to the film: pixels that changed while they were read are read again.
         """
-        before, sums = self.samples.copy(), self.sums.copy()
+        height, width = self.samples.shape
+        with self._memory("show", np.float32):
+            picture = np.empty((height, width, 4), np.float32)
+            strip = max(STRIP_PIXELS // max(width, 1), 1)
+            for first in range(0, height, strip):
+                picture[first : first + strip] = self._strip(slice(first, first + strip))
+        return picture
+
+    def _strip(self, rows: slice) -> np.ndarray:
+        """Some rows of `pixels`, float64."""
+        samples, sums = self.samples[rows], self.sums[rows]
+        before, picture = samples.copy(), sums.copy()
         for _ in range(RETRIES):
-            torn = self.samples != before
+            torn = samples != before
             if not torn.any():
                 break
-            before[torn], sums[torn] = self.samples[torn], self.sums[torn]
-        picture = sums / np.maximum(before, 1)[:, :, None]
+            before[torn], picture[torn] = samples[torn], sums[torn]
+        picture /= np.maximum(before, 1)[:, :, None]
         picture[:, :, :3] *= self.exposure
-        return picture.astype(np.float32)
+        return picture
+
+    @contextlib.contextmanager
+    def _memory(self, purpose: str, dtype: type) -> Iterator[None]:
+        """Says what the user can do where there is too little of it to `purpose` the picture in numbers of a type."""
+        try:
+            yield
+        except MemoryError:
+            x0, y0, x1, y1 = self.region
+            size = (x1 - x0) * (y1 - y0) * 4 * np.dtype(dtype).itemsize / 1e9
+            raise LobeError(
+                f"not enough memory to {purpose} the picture of {x1 - x0} x {y1 - y0} pixels, which takes {size:.1f} "
+                "GB: set a lower resolution, or render it in regions"
+            ) from None

@@ -21,7 +21,7 @@ import numpy as np
 from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
-from .kernels.embree import new_ray
+from .kernels.embree import build_monitor, lamp_filter, new_ray
 from .kernels.path import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables, make_tile_kernel
 from .lighttree import load_builder
 from .pack import Packed, pack
@@ -122,7 +122,7 @@ class _Render:
         result, film = self.result, self.film
         try:
             with self._timed("compile"):
-                self._load_tree_builder()
+                self._load_small_ones()
             with self._timed("build"):
                 packed = self._build()
             with self._timed("compile"):
@@ -154,8 +154,12 @@ class _Render:
         self.watch.wait_for([future], message)
         return future.result()
 
-    def _load_tree_builder(self) -> None:
+    def _load_small_ones(self) -> None:
+        """Compiled functions that packing needs."""
         self.watch.tell("building", force=True)
+        self._do(_compiling, build_monitor)
+        if self.scene.lights:
+            self._do(_compiling, lamp_filter)
         if len(self.scene.lights) > 1 or any(any(material.emission) for material in self.scene.materials):
             self._do(_compiling, load_builder)
 
@@ -195,7 +199,7 @@ class _Render:
         film, seed = self.film, np.uint32(self.settings.seed & 0xFFFFFFFF)
         origin = np.array(film.region[:2], np.int64)
         half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
-        ray, counters, rays = new_ray(), np.zeros(COUNTERS, np.int64), 0
+        ray, counters, rays = new_ray(packed.lights.shape_count), np.zeros(COUNTERS, np.int64), 0
         for tile in tiles:
             if self.halt[0] or (first > 0 and time.perf_counter() > self.watch.deadline):
                 break  # the first pass is finished in any case: a picture with holes is none
@@ -322,6 +326,8 @@ def precompile_common() -> None:
             sun_disks=1, world=IMAGE_WORLD, lens=1, transparent_film=1, clamp=1,
         ),
     )  # fmt: skip
+    build_monitor()
+    lamp_filter()
     packed = pack(Scene(camera=Camera()), Settings())
     for features in common:
         packed.features = features

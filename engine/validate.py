@@ -363,6 +363,12 @@ def _check_world(world: World) -> None:
             f"the world: pixel ({bad % width}, {bad // width}) of its image, counted from the bottom left, is not "
             "finite; repair the image or choose another"
         )
+    if float(world.image.min()) < 0:
+        bad = int(np.argmax((world.image < 0).any(axis=2)))
+        raise SceneError(
+            f"the world: pixel ({bad % width}, {bad // width}) of its image, counted from the bottom left, is negative "
+            f"{_text(world.image.reshape(-1, 3)[bad])}; set every channel to 0 or more"
+        )
     # Tables sum up neighbouring pixels: room for some of them is left.
     if not _fits(8 * float(world.image.max()) * np.maximum(color, 1)):
         raise SceneError(

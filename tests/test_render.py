@@ -141,7 +141,21 @@ def test_lamp_in_the_plane_of_a_ceiling_makes_no_hole(turned):
     place = turned_too(scenes.place((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
     scene.lights = [AreaLight("lamp", place, radiance=(1e-3,) * 3, size_x=3.0, size_y=3.0)]
     scene.world = World(color=(100.0,) * 3)
-    assert picture(scene, samples=16, max_bounces=0)[..., :3].max() < 2e-3
+    radiance = picture(scene, samples=16, max_bounces=0)[..., :3]
+    assert radiance.min() > 0.99e-3 and radiance.max() < 2e-3
+
+
+@pytest.mark.parametrize("towards", [(0.0, 0.0, 1.0), (0.3, 0.5, 0.7)])
+def test_lamp_in_the_plane_of_a_face_is_seen_from_everywhere(towards):
+    """At the world's origin, where the lamp's own coordinates say nothing of how far away it is seen from."""
+    direction = np.array(towards) / np.linalg.norm(towards)
+    place = scenes.place((0, 0, 0), direction)
+    scene = Scene(width=32, height=32, materials=[Material("face", kd=(0.5,) * 3)])
+    scene.add_instance(scenes.quad_mesh(-2 * place[:, 0] - 2.2 * place[:, 1], 4 * place[:, 0], 4.4 * place[:, 1]))
+    scene.lights = [AreaLight("lamp", place, radiance=(1.0,) * 3)]
+    for distance in (1.0, 3.0, 10.0, 30.0):
+        scene.camera = scenes.camera(distance * direction + 0.01 * place[:, 0], -direction, half_width=0.4 / distance)
+        assert picture(scene, samples=4, max_bounces=0)[..., :3].mean() > 0.999
 
 
 def test_transparent_film_has_no_alpha_where_nothing_is():

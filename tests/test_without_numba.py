@@ -47,7 +47,7 @@ def warnings_of(block: str, repository, road: str = "COMPILED") -> str:
     ],
 )
 def test_the_reference_road_steps_in(block: str, why: str, repository) -> None:
-    expected = f"Numba could not be imported ({why}): rendered by the slow reference road"
+    expected = f"Numba cannot be used ({why}): rendered by the slow reference road"
     assert warnings_of(block, repository) == expected
 
 

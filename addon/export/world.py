@@ -6,6 +6,8 @@ becomes a constant and is named.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...engine import Visibility, World
@@ -54,17 +56,21 @@ def export_world(world, notes: Notes, images: Images) -> World:
         return World(color=tuple(float(c) for c in light), visibility=visibility)
     return World(
         color=(1.0, 1.0, 1.0),
-        image=clean(light),
+        image=clean(light, note),
         rotation=environment.rotation,
         visibility=visibility,
     )
 
 
-def clean(image: np.ndarray) -> np.ndarray:
+def clean(image: np.ndarray, note: Callable[[str], None]) -> np.ndarray:
     """(H, W, 3) float32; pixels that are not finite become black, as in Cycles (scene/image.cpp), and so do negative
-    ones, which compression leaves behind and which cannot light anything."""
-    image = np.nan_to_num(image.astype(np.float32), copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    return np.ascontiguousarray(np.maximum(image, 0.0, out=image))
+    channels, which compression leaves behind and which cannot light anything."""
+    image = image.astype(np.float32)
+    bad = ~(np.isfinite(image) & (image >= 0))
+    if count := int(np.count_nonzero(bad.any(axis=2))):
+        note(f"{count} pixels of its image are negative or not finite, drawn as black")
+        image[bad] = 0.0
+    return np.ascontiguousarray(image)
 
 
 def world_visibility(world) -> Visibility:

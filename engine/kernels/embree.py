@@ -40,30 +40,33 @@ _rtcIntersect1 = types.ExternalFunction("rtcIntersect1", types.void(types.voidpt
 _rtcOccluded1 = types.ExternalFunction("rtcOccluded1", types.void(types.voidptr, types.voidptr, types.voidptr))
 
 # RTCRayHit as float32 words (origin, tnear, direction, time, tfar, then as uint32 mask, id and flags; the hit).
-TFAR = 8
+TNEAR, TFAR = 3, 8
 NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID = 12, 15, 16, 17, 18, 19, 20
 RAY_WORDS = 24
 # Behind it, for rays that note lamps, first the RTCIntersectArguments: flags, features, the context's address as two
 # words, two callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the lamps.
-_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, LAMP_COUNT, NOTED_LAMPS = 24, 25, 26, 34, 36, 38
+_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, LAMP_COUNT, _LAMP_ROOM, NOTED_LAMPS = 24, 25, 26, 34, 36, 37, 38
 # Words of a lamp that was noted. LEAVES is 1 where the ray goes out of a sphere, else 0.
 NOTED_GEOM, NOTED_PRIM, NOTED_T, NOTED_LEAVES, NOTED_WORDS = 0, 1, 2, 3, 4
-MOST_LAMPS = 64  # that a search notes; it ends at one more
-MEMORY_WORDS = NOTED_LAMPS + (MOST_LAMPS + 1) * NOTED_WORDS
+NOTES_OF_A_LAMP = 2  # at most: the two ends of a sphere, the two triangles of a quad
 _ALL_FEATURES = 0xFFFFFFFF
 INVALID = np.uint32(0xFFFFFFFF)
 _EXPONENT_BITS = np.int32(0x7F800000)
 
 
-def new_ray() -> np.ndarray:
-    """Scratch for one thread's rays: (MEMORY_WORDS,) float32, aligned to 16 bytes as Embree demands."""
-    raw = np.zeros(MEMORY_WORDS + 4, np.float32)
+def new_ray(lamp_count: int = 0) -> np.ndarray:
+    """Scratch for one thread's rays, in a scene where they may meet so many lamps: float32, aligned to 16 bytes as
+    Embree demands."""
+    room = NOTES_OF_A_LAMP * lamp_count
+    size = NOTED_LAMPS + room * NOTED_WORDS
+    raw = np.zeros(size + 4, np.float32)
     start = (-raw.ctypes.data) % 16 // 4
-    ray = raw[start : start + MEMORY_WORDS]
+    ray = raw[start : start + size]
     bits = ray.view(np.uint32)
     bits[_FEATURES] = _ALL_FEATURES
     bits[_CONTEXT : _CONTEXT + 2] = INVALID
     bits[_CONTEXT_ADDRESS : _CONTEXT_ADDRESS + 2].view(np.uint64)[0] = ray.ctypes.data + 4 * _CONTEXT
+    bits[_LAMP_ROOM] = room
     return ray
 
 
@@ -85,16 +88,6 @@ def bits_of(typing_context, value):
         return builder.bitcast(args[0], context.get_value_type(types.int32))
 
     return types.int32(types.float32), codegen
-
-
-@intrinsic
-def float_of(typing_context, value):
-    """The float32 that has these int32 bits."""
-
-    def codegen(context, builder, signature, args):
-        return builder.bitcast(args[0], context.get_value_type(types.float32))
-
-    return types.float32(types.int32), codegen
 
 
 @device
@@ -123,7 +116,8 @@ def _set_ray(ray, words, origin, direction, t_near, t_far, mask):
 def intersect(scene, ray, words, origin, direction, t_near, t_far, mask):
     """Find the closest hit; True if there is one. The hit is then in `ray` and `words` (its uint32 view).
 
-    scene  address of the Embree scene;  mask  uint32, compared with the masks of geometries
+    scene  address of the Embree scene
+    mask   uint32, compared with the masks of geometries. Without lamps: `lamp_filter` would find no place for them
     """
     _set_ray(ray, words, origin, direction, t_near, t_far, mask)
     words[GEOM_ID] = INVALID
@@ -135,7 +129,7 @@ def intersect(scene, ray, words, origin, direction, t_near, t_far, mask):
 @device
 def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, mask):
     """As `intersect`, and note the lamps before the hit, in no order, and perhaps some behind it: LAMP_COUNT of them
-    from NOTED_LAMPS on. If there are too many, the hit itself is a lamp, the last one noted."""
+    from NOTED_LAMPS on."""
     _set_ray(ray, words, origin, direction, t_near, t_far, mask)
     words[GEOM_ID] = INVALID
     words[INST_ID] = INVALID
@@ -147,25 +141,27 @@ def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, 
 
 @cache
 def lamp_filter():
-    """What Embree asks about each lamp that a ray meets, whether it ends there (an RTCFilterFunctionN for one ray)."""
+    """What Embree asks about each lamp that a ray meets: an RTCFilterFunctionN, for one ray, that lets no ray end."""
 
     @callback("void(voidptr)")
     def note(pointer):
         arguments = carray(pointer, 5, np.uintp)  # valid, user pointer, context, ray, hit
-        context = carray(_pointer(arguments[2]), MEMORY_WORDS - _CONTEXT, np.uint32)
-        ray = carray(_pointer(arguments[3]), RAY_WORDS - NORMAL, np.float32)
+        head = carray(_pointer(arguments[2]), NOTED_LAMPS - _CONTEXT, np.uint32)
+        count, room = head[LAMP_COUNT - _CONTEXT], head[_LAMP_ROOM - _CONTEXT]
+        carray(_pointer(arguments[0]), 1, np.int32)[0] = 0
+        if count >= room:
+            return
+        ray = carray(_pointer(arguments[3]), RAY_WORDS, np.float32)
         normal = carray(_pointer(arguments[4]), 3, np.float32)
         hit = carray(_pointer(arguments[4]), RAY_WORDS - NORMAL, np.uint32)
-        count = min(context[LAMP_COUNT - _CONTEXT], np.uint32(MOST_LAMPS))
-        place = NOTED_LAMPS - _CONTEXT + np.int64(count) * NOTED_WORDS
-        context[place + NOTED_GEOM] = hit[GEOM_ID - NORMAL]
-        context[place + NOTED_PRIM] = hit[PRIM_ID - NORMAL]
-        context[place + NOTED_T] = np.uint32(bits_of(ray[TFAR]))
+        offset = np.uintp(4 * (NOTED_LAMPS - _CONTEXT + np.int64(count) * NOTED_WORDS))
+        place = carray(_pointer(arguments[2] + offset), NOTED_WORDS, np.uint32)
+        place[NOTED_GEOM] = hit[GEOM_ID - NORMAL]
+        place[NOTED_PRIM] = hit[PRIM_ID - NORMAL]
+        place[NOTED_T] = np.uint32(bits_of(ray[TFAR]))
         outwards = ray[4] * normal[0] + ray[5] * normal[1] + ray[6] * normal[2] > np.float32(0)
-        context[place + NOTED_LEAVES] = np.uint32(outwards)
-        context[LAMP_COUNT - _CONTEXT] = count + np.uint32(1)
-        if count < MOST_LAMPS:
-            carray(_pointer(arguments[0]), 1, np.int32)[0] = 0
+        place[NOTED_LEAVES] = np.uint32(outwards)
+        head[LAMP_COUNT - _CONTEXT] = count + np.uint32(1)
 
     return note
 

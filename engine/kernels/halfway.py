@@ -38,13 +38,13 @@ def _no_environment(name: str, environment: object) -> None:
 def intermediate_code_only() -> Iterator[None]:
     """What is compiled in this context can be called by compiled functions alone, which link it."""
     with global_compiler_lock:
-        codegen = cpu_target.target_context.codegen()
+        own = cpu_target.target_context.codegen().__dict__
         replaced = {"_library_class": _IntermediateLibrary, "set_env": _no_environment}
-        before = {name: codegen.__dict__[name] for name in replaced if name in codegen.__dict__}
-        codegen.__dict__.update(replaced)
+        before = {name: own[name] for name in replaced if name in own}
         try:
+            own.update(replaced)
             yield
         finally:
             for name in replaced:
-                del codegen.__dict__[name]
-            codegen.__dict__.update(before)
+                own.pop(name, None)
+            own.update(before)

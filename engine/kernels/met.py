@@ -6,8 +6,6 @@ import numpy as np
 
 from ..features import DARK_WORLD, DISK, IMAGE_WORLD
 from .embree import (
-    GEOM_ID,
-    INST_ID,
     INVALID,
     LAMP_COUNT,
     NOTED_GEOM,
@@ -17,8 +15,7 @@ from .embree import (
     NOTED_T,
     NOTED_WORDS,
     TFAR,
-    bits_of,
-    float_of,
+    TNEAR,
     intersect,
     intersect_noting_lamps,
 )
@@ -46,22 +43,16 @@ def follow(f, tables, memory, ray, stretch, light):
     """Follow a ray to the next surface, and gather the light that it finds: of the lamps before the surface, and of
     suns and the world if there is none.
 
-    Returns (whether a surface was met, which is then in `memory`, `light`, rays traced)."""
-    scene, floats, words = tables.geometry.accel[0], memory.floats, memory.words
-    mask, t_near, rays = _reach(f, ray), stretch.t_near, 1
+    Returns (whether a surface was met, which is then in `memory`, `light`)."""
+    scene, floats, words, mask = tables.geometry.accel[0], memory.floats, memory.words, _reach(f, ray)
     if f.lamp_shapes:
-        met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, t_near, stretch.t_far, mask)
+        met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
         light = _gather_lamps(f, tables, memory, ray, stretch.start, light)
-        while met and _is_lamp(f, tables.geometry, words):  # there were more than can be noted
-            rays += 1
-            t_near = float_of(np.int32(bits_of(floats[TFAR]) + 1))
-            met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, t_near, stretch.t_far, mask)
-            light = _gather_lamps(f, tables, memory, ray, stretch.start, light)
     else:
-        met = intersect(scene, floats, words, stretch.start, ray.wi, t_near, stretch.t_far, mask)
+        met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
     if not met:
         light = _escaped(f, tables, ray, light)
-    return met, light, rays
+    return met, light
 
 
 @device
@@ -101,8 +92,8 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
     ray = Ray(ray.p, ray.n, ray.wi, ray.kind, ray.pdf, True)
     stretch, rays = Stretch(start, ZERO, FAR), 0
     for _ in range(MAX_TRANSPARENT):
-        met, light, more = follow(f, tables, memory, ray, stretch, light)
-        rays += more
+        met, light = follow(f, tables, memory, ray, stretch, light)
+        rays += 1
         if not met:
             break
         p, _, ng, material, triangle = find_surface(f, geometry, memory.floats, memory.words, negate(ray.wi))
@@ -150,23 +141,15 @@ def _lights_kind(lights, own, kind):
 
 
 @device
-def _is_lamp(f, geometry, words):
-    """Whether the hit is a lamp's shape and no surface."""
-    if f.instances and words[INST_ID] != INVALID:
-        return False
-    return geometry.kind[words[GEOM_ID]] >= LAMP_QUADS
-
-
-@device
 def _gather_lamps(f, tables, memory, ray, start, light):
     """`light` with that of the lamps that were noted on the ray's way from `start` to its hit."""
-    floats, words = memory.floats, memory.words
+    words = memory.words
     for i in range(words[LAMP_COUNT]):
         place = NOTED_LAMPS + i * NOTED_WORDS
-        if floats[place + NOTED_T] > floats[TFAR]:
+        lamp = _noted_lamp(tables, words, place)
+        if not _counts(f, tables, memory, place, lamp, ray, start):
             words[place + NOTED_PRIM] = INVALID
             continue
-        lamp = _noted_lamp(tables, words, place)
         words[place + NOTED_PRIM] = np.uint32(lamp)
         if not _noted_before(words, place):
             light = gather(f, light, _met_lamp(f, tables, memory, ray, lamp, start, place))
@@ -185,14 +168,27 @@ def _noted_lamp(tables, words, place):
 
 
 @device
+def _counts(f, tables, memory, place, lamp, ray, start):
+    """Whether the ray meets the lamp there, on its way from `start` to its hit."""
+    geometry, lights = tables.geometry, tables.lights
+    t, t_hit = memory.floats[place + NOTED_T], memory.floats[TFAR]
+    if f.lamp_kinds & DISK and lights.lamp_kind[lamp] & DISK:
+        # Embree has no disk that turns towards a point, so the sphere around it was met, on either side of the disk.
+        t = disk_distance(lights.lamps, lamp, ray.p, ray.wi) - length(sub(start, ray.p))
+        return memory.floats[TNEAR] < t and t <= t_hit
+    if geometry.kind[memory.words[place + NOTED_GEOM]] == LAMP_QUADS:
+        return t <= t_hit
+    # Rays meet a sphere twice: the first time counts, or for those from within the second.
+    leaves = memory.words[place + NOTED_LEAVES] != 0
+    return t <= t_hit and leaves == inside_lamp(lights.lamps, lamp, ray.p)
+
+
+@device
 def _noted_before(words, place):
-    """Rays that meet the diagonal of a quad meet both of its triangles. The lamps, which have taken the primitives'
-    places, are compared."""
+    """A lamp may be met twice: both triangles of a quad at its diagonal, both ends of the sphere around a disk. The
+    lamps that count, which have taken the primitives' places, are compared."""
     for other in range(NOTED_LAMPS, place, NOTED_WORDS):
-        if (
-            words[other + NOTED_PRIM] == words[place + NOTED_PRIM]
-            and words[other + NOTED_LEAVES] == words[place + NOTED_LEAVES]
-        ):
+        if words[other + NOTED_PRIM] == words[place + NOTED_PRIM]:
             return True
     return False
 
@@ -201,29 +197,13 @@ def _noted_before(words, place):
 def _met_lamp(f, tables, memory, ray, lamp, start, place):
     """Radiance, MIS weight included, of the lamp noted at `place` by a ray on its way from `start`."""
     lights, p, wi = tables.lights, ray.p, ray.wi
-    t_hit = memory.floats[place + NOTED_T]
-    distance = length(sub(p, add_scaled(start, wi, t_hit)))
-    if not _counts(tables, memory.words, place, lamp, p):
-        return BLACK
     scattered = ray.pdf > ZERO
     if scattered and not found_by_rays(f, lights, lamp, p):
         return BLACK
+    distance = length(sub(p, add_scaled(start, wi, memory.floats[place + NOTED_T])))
     radiance, pdf = lamp_seen(f, lights, lamp, p, ray.n, wi, distance)
     if is_black(radiance):
         return BLACK
-    if f.lamp_kinds & DISK and lights.lamp_kind[lamp] & DISK:
-        # Embree has no disk that turns towards a point, so what was met is the sphere around it.
-        t_disk = disk_distance(lights.lamps, lamp, p, wi) - (distance - t_hit)
-        if t_disk > memory.floats[TFAR]:
-            return BLACK
     if scattered:
         pdf *= local_probability(f, lights, tables.tree, lamp, p, ray.n)
     return scale(radiance, met_light_weight(f, ray, pdf))
-
-
-@device
-def _counts(tables, words, place, lamp, p):
-    """Rays meet a sphere twice: the first time counts, or for those from within the second. A quad has one side."""
-    if tables.geometry.kind[words[place + NOTED_GEOM]] == LAMP_QUADS:
-        return True
-    return (words[place + NOTED_LEAVES] != 0) == inside_lamp(tables.lights.lamps, lamp, p)

@@ -89,8 +89,8 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
     light, alpha, rays = Light(BLACK, WHITE, limits.clamp_direct), ONE, 0
     bounces, passed, last = Bounces(0, 0, 0), 0, np.bool_(False)  # a plain False would be a type of its own
     while True:
-        met, light, more = follow(f, tables, memory, ray, stretch, light)
-        rays += more
+        met, light = follow(f, tables, memory, ray, stretch, light)
+        rays += 1
         if not met:
             if f.transparent_film and bounces.total == 0:
                 alpha = max(ONE - average(light.throughput), ZERO)

@@ -30,7 +30,8 @@ POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = words(0, 3, 6, 9, 12, 15)
 TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = words(
     17, 18, 19, 20, 21, 30, 31, 32
 )
-AREA = SPOT_COS  # of area lamps, m2
+# Of area lamps: m2, and how far before the lamp the shape lies by which rays meet it, metres.
+AREA, SHAPE_STEP = SPOT_COS, SPOT_SCALE
 
 # Words of a sun. AXIS points from the scene to the sun. ONE_MINUS_COS, COS and SIN of the half angle; 0: a direction.
 # IRRADIANCE: the luminance, on a plane that faces it; 0 if only the camera sees it.
@@ -102,3 +103,8 @@ class Lights(NamedTuple):
     suns: np.ndarray
     world: np.ndarray
     world_rotation: np.ndarray
+
+    @property
+    def shape_count(self) -> int:
+        """How many lamps a ray may meet."""
+        return len(self.lamp_of_quad) + len(self.lamp_of_sphere)

@@ -14,9 +14,10 @@ from .geometry import VERTEX_PADDING
 RAYS_THAT_SEE = Visibility.CAMERA | Visibility.DIFFUSE | Visibility.GLOSSY
 # Below this half spread, 1 / (tan h - h) cancels in float64: its series is 3 / h^3. Its cube must fit float32.
 SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
-# An area lamp's shape for rays lies before the lamp by this part of its coordinates, four roundings of float32, so that
-# rays meet it before a surface in the lamp's plane. Light samples stop before the lamp by more: see kernels/direct.py.
-BEFORE_LAMP = 2.0**-22
+# An area lamp's shape for rays lies before the lamp by this part of the scene's largest coordinate, so that rays meet
+# it before a surface in the lamp's plane: where Embree finds a hit errs by some roundings of the lengths that it
+# reckons with, of the ray and of the surface. Light samples stop before the lamp by more: see kernels/direct.py.
+SHAPE_STEP_PART = 2.0**-20
 
 
 def unit(v: np.ndarray) -> np.ndarray:
@@ -50,8 +51,8 @@ def pack_point(row: np.ndarray, light: PointLight) -> int:
     return kind
 
 
-def pack_area(row: np.ndarray, light: AreaLight) -> int:
-    """Rectangle and ellipse lamps. Returns the kind.
+def pack_area(row: np.ndarray, light: AreaLight, reach: float) -> int:
+    """Rectangle and ellipse lamps in a scene of such coordinates. Returns the kind.
 
     The lamp is the image of the square or disk under its matrix, shear and all: it lies in the plane of the two axes
     and shines to the side where the local -z points. Cycles takes the axes likewise, but the -z column itself for the
@@ -72,6 +73,7 @@ def pack_area(row: np.ndarray, light: AreaLight) -> int:
     if half < np.pi / 2 - 1e-6:
         row[t.TAN_SPREAD] = np.tan(half)
         row[t.SPREAD_NORM] = 1 / (np.tan(half) - half) if half > SMALL_SPREAD else 3 / max(half, SMALLEST_SPREAD) ** 3
+    row[t.SHAPE_STEP] = SHAPE_STEP_PART * max(reach, float(np.abs(corners_of(row)).max()))
     return ELLIPSE if light.ellipse else RECTANGLE
 
 
@@ -112,8 +114,7 @@ def corners_of(row: np.ndarray) -> np.ndarray:
 
 def _shape(row: np.ndarray) -> np.ndarray:
     """(4, 3) corners by which rays meet the lamp."""
-    corners = corners_of(row)
-    return corners + BEFORE_LAMP * np.abs(corners).max() * row[t.AXIS : t.AXIS + 3].astype(np.float64)
+    return corners_of(row) + float(row[t.SHAPE_STEP]) * row[t.AXIS : t.AXIS + 3].astype(np.float64)
 
 
 def _quads(corners: np.ndarray, mask: int) -> TriangleGeometry:

@@ -23,6 +23,7 @@ from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
 from .geometry import PackedGeometry, fresh
 from .lamps import RAYS_THAT_SEE, lamp_shapes, pack_area, pack_point, unit
+from .middle import surface_bounds
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
 # Of a sun or the world, in W/m2: sums stay finite.
@@ -49,11 +50,12 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     suns = [light for light in lit if isinstance(light, SunLight)]
     rows = np.zeros((len(local), t.LAMP_WORDS), np.float32)
     kinds = np.zeros(len(local), np.int32)
+    reach = _reach(scene) if any(isinstance(light, AreaLight) for light in local) else 0.0
     for i, light in enumerate(local):
         if isinstance(light, PointLight):
             kinds[i] = pack_point(rows[i], light)
         elif isinstance(light, AreaLight):
-            kinds[i] = pack_area(rows[i], light)
+            kinds[i] = pack_area(rows[i], light, reach)
         rows[i, t.UNSHADOWED] = float(not light.cast_shadow)
         rows[i, t.LAMP_MASK] = float(int(light.visibility & RAYS_THAT_SEE))
 
@@ -99,6 +101,15 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         shape_kind=shape_kind,
         shape_base=shape_base,
         features=features,
+    )
+
+
+def _reach(scene: Scene) -> float:
+    """The largest coordinate of its surfaces and of the camera."""
+    assert scene.camera is not None
+    bounds = surface_bounds(scene)
+    return max(
+        float(np.abs(scene.camera.transform[:, 3]).max()), 0.0 if bounds is None else float(np.abs(bounds).max())
     )
 
 

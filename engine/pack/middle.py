@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..scene import Camera, Instances, Lamp, PointLight, Scene
+from .geometry import CHUNK
 
 # A scene whose middle lies farther from the origin than this part of its size gains digits by a move.
 FAR_OFF = 2.0
@@ -21,7 +22,7 @@ SMALLEST_SCENE = 1e-2
 
 def to_the_middle(scene: Scene) -> Scene:
     """`scene` itself, or the same in coordinates that suit float32. Meshes and images are shared."""
-    bounds = _bounds(scene)
+    bounds = surface_bounds(scene)
     if bounds is None:
         return scene
     size, middle = (bounds[1] - bounds[0]).max(), bounds.mean(axis=0)
@@ -32,17 +33,25 @@ def to_the_middle(scene: Scene) -> Scene:
     return _placed(scene, factor, middle if far else np.zeros(3))
 
 
-def _bounds(scene: Scene) -> np.ndarray | None:
+def surface_bounds(scene: Scene) -> np.ndarray | None:
     """(2, 3) float64, of the boxes of all instances; of the lamps where there are none; None for neither."""
     instances = scene.instances
     if not len(instances):
         return None
     boxes = np.array([mesh.bounds() for mesh in scene.meshes], np.float64)
-    middle, half = boxes.mean(axis=1)[instances.mesh], np.ptp(boxes, axis=1)[instances.mesh] / 2
-    linear, origin = instances.transforms[:, :, :3], instances.transforms[:, :, 3]
-    middle = np.einsum("nij,nj->ni", linear, middle) + origin
-    half = np.einsum("nij,nj->ni", np.abs(linear), half)
-    return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
+    # Axis by axis, in parts whose temporaries fit the cache: numpy is slow on rows of three.
+    middles, halves = boxes.mean(axis=1).T.copy(), np.ptp(boxes, axis=1).T / 2
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for first in range(0, len(instances), CHUNK):
+        rows = slice(first, first + CHUNK)
+        mesh, columns = instances.mesh[rows], instances.transforms[rows].reshape(-1, 12).T.copy().reshape(3, 4, -1)
+        middle, half = middles[:, mesh], halves[:, mesh]
+        for axis, (x, y, z, origin) in enumerate(columns):
+            center = x * middle[0] + y * middle[1] + z * middle[2] + origin
+            reach = np.abs(x) * half[0] + np.abs(y) * half[1] + np.abs(z) * half[2]
+            low[axis] = min(low[axis], (center - reach).min())
+            high[axis] = max(high[axis], (center + reach).max())
+    return np.array([low, high])
 
 
 def _placed(scene: Scene, factor: float, middle: np.ndarray) -> Scene:

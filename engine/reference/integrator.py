@@ -42,6 +42,10 @@ from .vectors import dot
 
 CAMERA, DIFFUSE, GLOSSY, SHADOW = (int(v) for v in Visibility.ALL)
 
+# A surface hides a light from which it is farther than this part of the way: so a lamp in the plane of a surface lies
+# before it, though hits are only known to some roundings of float32.
+GAP = 1e-4
+
 
 @dataclass
 class Paths:
@@ -186,7 +190,7 @@ class Integrator:
             if lamp.delta or not reached.any():
                 continue
             distance, radiance, density = lamp.meet(paths.origin, paths.normal, paths.direction)
-            reached &= np.where(np.isinf(distance), ~hit, (distance > begin) & (distance <= end))
+            reached &= np.where(np.isinf(distance), ~hit, (distance > begin) & (distance * (1 - GAP) <= end))
             if lamp is self.world and self.transparent_film:
                 reached &= paths.kind != CAMERA
             weight = self._found_by_ray(paths, self._chance(lamp) * density, lamp.cast_shadow)
@@ -316,7 +320,7 @@ class Integrator:
         """(n, 3) what arrives. The ray starts a little off the surface and ends a little before the emitter."""
         start = at.point + at.flat * at.offset[:, None]
         finite = np.isfinite(distance)
-        reach = np.where(finite, distance * (1 - 1e-4), 0)
+        reach = np.where(finite, distance * (1 - GAP), 0)
         segment = at.point + wi * reach[:, None] - start
         size = np.sqrt(dot(segment, segment))
         direction = np.where(finite[:, None], segment / np.maximum(size, 1e-300)[:, None], wi)

@@ -154,7 +154,8 @@ def _with_odd_elements(rng: random.Random, old: np.ndarray):
     array = old.copy()
     if not array.size:
         return array
-    values: list = [0, 1, 2, len(array), len(array) - 1]
+    rows = len(np.atleast_1d(array))
+    values: list = [0, 1, 2, rows, rows - 1]
     if array.dtype.kind == "f":
         values = [v for v in NUMBERS if not isinstance(v, int) or abs(v) < 2**63]
     elif array.dtype.kind in "iu":
@@ -165,7 +166,7 @@ def _with_odd_elements(rng: random.Random, old: np.ndarray):
         if where == "one":
             array.flat[rng.randrange(array.size)] = value
         elif where == "row":
-            array[rng.randrange(len(array))] = value
+            np.atleast_1d(array)[rng.randrange(rows)] = value
         elif where == "all":
             array[...] = value
         else:

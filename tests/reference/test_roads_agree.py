@@ -51,18 +51,26 @@ def overlapping() -> Scene:
     return scene
 
 
-def crowd() -> Scene:
-    """A hundred faint lamps, a hand's breadth from the first to the last."""
-    scene = scenes.lamp_room(["area", "sphere"], SIZE, ks=0.6, exponent=300.0)
-    area, sphere = scene.lights
-    assert isinstance(area, AreaLight) and isinstance(sphere, PointLight)
-    scene.lights = []
-    for step in range(50):
-        for light in (
-            replace(area, radiance=tuple(value / 50 for value in area.radiance)),
-            replace(sphere, intensity=tuple(value / 50 for value in sphere.intensity)),
-        ):
-            scene.lights.append(replace(light, transform=light.transform + np.array([[0, 0, 0, 0.002 * step]])))
+def crowd(step: float) -> Scene:
+    """Many faint lamps of three kinds, each so far behind the one before."""
+    scene = scenes.lamp_room(["area", "sphere", "soft"], SIZE, ks=0.6, exponent=300.0)
+    area, *points = scene.lights
+    assert isinstance(area, AreaLight)
+    faint: list = [replace(area, radiance=tuple(value / 40 for value in area.radiance))]
+    for light in points:
+        assert isinstance(light, PointLight)
+        faint.append(replace(light, intensity=tuple(value / 40 for value in light.intensity)))
+    apart = np.array([[0, 0, 0, step]])
+    scene.lights = [replace(light, transform=light.transform + i * apart) for i in range(40) for light in faint]
+    return scene
+
+
+def flush() -> Scene:
+    """Lamps in the plane of a mirror-like ceiling."""
+    scene = scenes.lamp_room(["area", "ellipse"], SIZE, ks=0.6, exponent=300.0)
+    for x, light in zip((-1.0, 1.0), scene.lights, strict=True):
+        light.transform[:] = scenes.place((x, 0.5, 2.0))
+    scene.add_instance(scenes.quad_mesh((-3, -3, 2.0), (0, 6, 0), (6, 0, 0)), materials=(0,))
     return scene
 
 
@@ -111,7 +119,9 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "a lamp twice, hidden": lambda: coincident({"visibility": NO_CAMERA}, {"visibility": NO_GLOSS}),
     "a lamp twice, one without shadow": lambda: coincident({"cast_shadow": False}, {}),
     "lamps that overlap in a plane": overlapping,
-    "more lamps behind each other than are noted": crowd,
+    "a crowd of lamps in a row": lambda: crowd(0.002),
+    "a crowd of lamps in one place": lambda: crowd(0.0),
+    "lamps in the plane of a ceiling": flush,
     "a sheet inside a soft lamp": sheet_inside,
     "two shapes in one": lambda: coincident({}, {"size_x": 1.5}, kinds=("area", "ellipse")),
     "sphere and disk in one": lambda: coincident({}, {}, kinds=("soft", "sphere")),

@@ -1,4 +1,4 @@
-"""The same scene elsewhere: moved, scaled, sheared. And what two pictures of one scene may differ by.
+"""The same scene elsewhere: moved, scaled, mirrored. And what two pictures of one scene may differ by.
 
 Every function gives a new `engine.Scene`; meshes and images are shared with the old one.
 """
@@ -56,6 +56,37 @@ def rounded_at(scene: Scene, by) -> Scene:
         replace(m, vertices=((m.vertices + by).astype(np.float32) - by).astype(np.float32)) for m in scene.meshes
     ]
     return out
+
+
+def turned(scene: Scene, turn: np.ndarray) -> Scene:
+    """Everything turned by a rotation (3, 3). For worlds that are alike from all sides."""
+    return _mapped(scene, lambda m: turn @ m, 1.0)
+
+
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+
+
+def mirrored(scene: Scene) -> Scene:
+    """The whole world in a mirror at x = 0: its picture is the old one from right to left."""
+    out = _mapped(scene, lambda m: MIRROR @ m, 1.0)
+    assert out.camera is not None
+    out.camera = _right_handed(out.camera)
+    if scene.world.image is not None:
+        # Mirrored in y as well, where the image's columns run backwards, the rotation stays one.
+        rotation = np.diag([1.0, -1.0, 1.0]) @ scene.world.rotation @ MIRROR
+        out.world = replace(scene.world, image=np.ascontiguousarray(scene.world.image[:, ::-1]), rotation=rotation)
+    return out
+
+
+def _right_handed(camera: Camera) -> Camera:
+    """A mirrored camera as one that sees the same from right to left."""
+    transform = camera.transform.copy()
+    transform[:, 0] *= -1
+    left, right, bottom, top = camera.window
+    aperture = camera.aperture
+    if aperture is not None:
+        aperture = replace(aperture, rotation=np.pi - aperture.rotation)
+    return replace(camera, transform=transform, window=(-right, -left, bottom, top), aperture=aperture)
 
 
 def _mapped(scene: Scene, change: Callable[[np.ndarray], np.ndarray], factor: float) -> Scene:

@@ -14,7 +14,9 @@ import pytest
 import scenes
 from stress import moves
 
-from engine.scene import Mesh, PointLight, Scene
+from engine.pack.geometry import CHUNK
+from engine.pack.middle import surface_bounds
+from engine.scene import Instances, Mesh, PointLight, Scene
 
 ALONG = np.array([0.6, -0.7, 0.39])  # direction of all moves
 SCENES = {
@@ -145,3 +147,19 @@ def test_singular_instances_are_drawn(monkeypatch, matrix, bake_limit):
     scene = two_balls()
     scene.instances.transforms[-4:, :, :3] = matrix
     moves.render(scene)
+
+
+def test_bounds_of_more_instances_than_are_taken_at_a_time():
+    """The corners of all boxes, in the world."""
+    scene, random = two_balls(), np.random.default_rng(1)
+    count = 2 * CHUNK + 7
+    transforms = random.normal(size=(count, 3, 4))
+    transforms[[0, CHUNK, -1], :, 3] *= 100  # the farthest are in different parts
+    numbers = random.integers(0, len(scene.meshes), count).astype(np.int32)
+    scene.instances = Instances(mesh=numbers, transforms=transforms)
+    signs = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    boxes = np.array([mesh.bounds() for mesh in scene.meshes], np.float64)
+    corners = boxes[numbers][:, signs, [0, 1, 2]]
+    world = np.einsum("nij,nkj->nki", transforms[:, :, :3], corners) + transforms[:, None, :, 3]
+    expected = [world.min(axis=(0, 1)), world.max(axis=(0, 1))]
+    np.testing.assert_allclose(surface_bounds(scene), expected, rtol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import scenes
 from stress import moves
 
-from engine.scene import Camera, Material, Mesh, PointLight, Scene, World
+from engine.scene import Camera, Material, Mesh, PointLight, Scene, Visibility, World
 from engine.schedule import render_compiled
 from engine.settings import Settings
 
@@ -123,10 +124,33 @@ def test_a_million_coincident_triangles():
     assert found.half_width.max() < 0.02 and found.holds(), f"{found}"
 
 
-def test_coincident_emitters():
-    """Which of them a ray meets is open; that what it finds is a number isn't."""
+def test_coincident_emitters_that_rays_meet():
+    """Which of them a ray meets is open, and with it how much light there is; that what it finds is a number isn't."""
     scene = scenes.furnace(mesh=coincident(scenes.cube_mesh(), 100))
     moves.render(scene, samples=4)
+
+
+def room_with_emitters(times: int, size: int = 4) -> Scene:
+    """A triangle that shines, in so many layers; neither the camera nor shadow rays meet it, so that light sampling
+    finds the light of all of them."""
+    scene = scenes.lamp_room([], size)
+    scene.materials.append(Material("lamp", emission=(20.0 / times,) * 3))
+    corners = np.array([(0.2, -0.2, 1.5), (0.2, 0.4, 1.5), (0.8, -0.2, 1.9)], np.float32)
+    mesh = coincident(Mesh("lamp", corners, np.array([[0, 1, 2]], np.uint32)), times)
+    scene.add_instance(mesh, materials=(2,), visibility=Visibility.DIFFUSE | Visibility.GLOSSY)
+    return scene
+
+
+def test_a_million_coincident_emitters():
+    """As bright as one of a million times their radiance. No plane parts them, so that the tree halves them."""
+    expected = moves.render(room_with_emitters(1), samples=4)
+    dark = room_with_emitters(1)
+    dark.materials[2] = Material("off")
+    assert expected.mean() > 1.1 * moves.render(dark, samples=4).mean(), "they light nothing"
+    begin = time.perf_counter()
+    found = moves.difference(moves.render(room_with_emitters(1_000_000), samples=4), expected)
+    assert found.half_width.max() < 0.02 and found.holds(), f"{found}"
+    assert time.perf_counter() - begin < 90  # 10 s
 
 
 def room_with_normals(change) -> Scene:
@@ -158,6 +182,59 @@ def test_normals_of_length_zero_are_flat():
     flat.meshes = [replace(mesh, normals=None) for mesh in flat.meshes]
     found = moves.difference(moves.render(stressed), moves.render(flat))
     assert found.half_width.max() < 0.02 and found.holds(), f"{found}"
+
+
+def turned_over(mesh: Mesh, faces: bool, normals: bool) -> Mesh:
+    """The ball with its faces wound the other way round, its normals reversed, or both."""
+    return replace(
+        mesh,
+        triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]) if faces else mesh.triangles,
+        normals=-mesh.normals if normals and mesh.normals is not None else mesh.normals,
+    )
+
+
+def room_turned_over(faces: bool, normals: bool, flat: bool = False) -> Scene:
+    scene = room_with_normals(lambda n: n)
+    if flat:
+        scene.meshes = [replace(mesh, normals=None) for mesh in scene.meshes]
+    scene.meshes = [turned_over(mesh, faces, normals) if mesh.name == "ball" else mesh for mesh in scene.meshes]
+    return scene
+
+
+@pytest.mark.parametrize("bake_limit", [0, 1 << 16], ids=["instanced", "baked"])
+@pytest.mark.parametrize("flat", [False, True])
+def test_surfaces_turned_inside_out_look_alike(monkeypatch, flat, bake_limit):
+    """Faces and their normals both reversed: a surface is the same from both of its sides."""
+    monkeypatch.setattr("engine.pack.geometry.BAKE_LIMIT", bake_limit)
+    expected = moves.render(room_turned_over(faces=False, normals=False, flat=flat))
+    found = moves.difference(moves.render(room_turned_over(faces=True, normals=True, flat=flat)), expected)
+    assert found.half_width.max() < 0.02 and found.holds(), f"{found}"
+
+
+def test_reversed_normals_are_as_reversed_faces():
+    """Which of the two is the wrong one, nobody can tell."""
+    expected = moves.render(room_turned_over(faces=True, normals=False))
+    found = moves.difference(moves.render(room_turned_over(faces=False, normals=True)), expected)
+    assert found.half_width.max() < 0.02 and found.holds(), f"{found}"
+
+
+def finely(scene: Scene) -> Scene:
+    """With balls whose faces lie within a degree of their normals."""
+    fine = scenes.sphere_mesh(90, radius=0.5, smooth=True, name="ball")
+    return replace(scene, meshes=[fine if mesh.name == "ball" else mesh for mesh in scene.meshes])
+
+
+def test_surfaces_against_their_normals_are_black():
+    """A direction counts that lies above the face and above the normal: there is next to none. Right way round,
+    the balls are some percent of the light."""
+    right, black = finely(room_with_normals(lambda n: n)), finely(room_with_normals(lambda n: n))
+    black.materials[1] = Material("black")
+    against = finely(room_with_normals(lambda n: n))
+    against.meshes = [turned_over(m, False, True) if m.name == "ball" else m for m in against.meshes]
+    expected = moves.render(black)
+    found = moves.difference(moves.render(against), expected)
+    assert found.half_width.max() < 2e-3 and found.holds(slack=2e-3), f"{found}"
+    assert moves.difference(moves.render(right), expected).mean.min() > 0.02
 
 
 def test_reversed_normals_look_alike_on_both_roads():

@@ -24,8 +24,11 @@ from .vec import ONE, SMALL, TINY, ZERO, add, cross, direction_and_length, dot, 
 _STEP = np.float32(16 * 2**-24)
 _SMALLEST_STEP = np.float32(2 * 2**-24)
 _AT_THE_ORIGIN = np.float32(1e-25)
-# Of the square root of a triangle's area: takes effect from an aspect ratio of some 500 on.
-_LONGEST_FOR_SLIVERS = np.float32(1 / 128)
+# Random slivers are met again from 1.5 roundings of what `_tilts` says of them down.
+_TILT = np.float32(4 * 2**-24)
+# Of the square root of a triangle's area: for the sake of its neighbours, reached at an aspect ratio of some 2,000;
+# for its own, reached where all sides are 1e5 times as long as the triangle is high.
+_LONGEST_FOR_NEIGHBOURS, _LONGEST_FOR_OWN = np.float32(1 / 128), np.float32(1)
 
 
 @device
@@ -48,13 +51,13 @@ def find_surface(f, geometry, ray, words, wo):
             _normal(geometry, corners[triangle, 2]),
         )
         n = _interpolate(na, nb, nc, u, v)
-    material, extent, volume = geometry.triangle_slot[triangle], _extent(a, b, c), _box_volume(a, b, c)
+    material, extent, tilts = geometry.triangle_slot[triangle], _extent(a, b, c), _tilts(a, b, c)
     if f.instances and geometry.kind[outer] == INSTANCED_MESH:
         row = np.int64(geometry.instance_base[outer]) + np.int64(words[INST_PRIM_ID])
         p = _to_world_point(geometry.transforms, row, p)
         ng = _to_world_normal(geometry.transforms, row, ng)
         n = _to_world_normal(geometry.transforms, row, n)
-        extent, volume = _to_world_extent(geometry.transforms, row, extent, volume)
+        extent, tilts = _to_world_extent(geometry.transforms, row, extent, tilts)
         slot = min(max(material, np.int32(0)), geometry.slot_count[row] - np.int32(1))
         material = geometry.slots[geometry.slot_offset[row] + slot]
     ng, area = _unit_and_length(ng)
@@ -63,7 +66,7 @@ def find_surface(f, geometry, ray, words, wo):
     n = _unit_and_length(n)[0] if f.smooth else ng
     if f.smooth and dot(n, n) == ZERO:  # a mesh may have normals of length zero, which say nothing
         n = ng
-    return p, n, scale(ng, _step(p, ng, extent, volume, area)), material, triangle
+    return p, n, scale(ng, _step(p, ng, extent, tilts, area)), material, triangle
 
 
 @device
@@ -83,18 +86,28 @@ def _extent(a, b, c):
 
 
 @device
-def _box_volume(a, b, c):
-    """Of the box around a triangle."""
-    return (
-        (max(a[0], max(b[0], c[0])) - min(a[0], min(b[0], c[0])))
-        * (max(a[1], max(b[1], c[1])) - min(a[1], min(b[1], c[1])))
-        * (max(a[2], max(b[2], c[2])) - min(a[2], min(b[2], c[2])))
+def _tilts(a, b, c):
+    """How far rounding may tilt the normal that Embree calculates, as two volumes: of any triangle in such a box, and
+    of this one. Over the triangle's area they are heights.
+
+    Embree takes the smaller of two products of sides for each component (`stable_triangle_normal`). So it errs little
+    where one side is short, and most where a corner lies next to the middle of a side.
+    """
+    x, y, z = sub(c, a), sub(a, b), sub(b, c)
+    width = max(abs(x[0]), max(abs(y[0]), abs(z[0])))
+    depth = max(abs(x[1]), max(abs(y[1]), abs(z[1])))
+    height = max(abs(x[2]), max(abs(y[2]), abs(z[2])))
+    own = (
+        min(abs(x[2] * y[1]), abs(y[2] * z[1])) * width
+        + min(abs(x[0] * y[2]), abs(y[0] * z[2])) * depth
+        + min(abs(x[1] * y[0]), abs(y[1] * z[0])) * height
     )
+    return width * depth * height, own
 
 
 @device
-def _to_world_extent(m, row, e, volume):
-    """(a bound on the coordinates that an instance's points are summed from, the box's volume in the world). Embree
+def _to_world_extent(m, row, e, tilts):
+    """(a bound on the coordinates that an instance's points are summed from, `_tilts` in the world). Embree
     turns rays into the instance's space, which mixes the errors of all axes, so that every axis gets the sum."""
     total = ZERO
     for i in range(3):
@@ -102,21 +115,25 @@ def _to_world_extent(m, row, e, volume):
     x = (m[row, 0, 0], m[row, 1, 0], m[row, 2, 0])
     y = (m[row, 0, 1], m[row, 1, 1], m[row, 2, 1])
     z = (m[row, 0, 2], m[row, 1, 2], m[row, 2, 2])
-    return (total, total, total), volume * abs(dot(cross(x, y), z))
+    larger = abs(dot(cross(x, y), z))
+    return (total, total, total), (tilts[0] * larger, tilts[1] * larger)
 
 
 @device
-def _step(p, ng, extent, volume, area):
+def _step(p, ng, extent, tilts, area):
     """How far off its surface a ray has to start. area: twice the triangle's.
 
     Only errors along the normal count: on the ground at z = 0 next to none, wherever the ground ends. The first is of
-    the point and of the ray's start, the second of the normal that Embree calculates: its components are products of
-    two edges, and err by two sides of the box; a third makes a height of them. It grows with the triangle's aspect
-    ratio, and where it gets as long as a sliver is wide there is nothing to gain.
+    the point and of the ray's start, the second of the plane that Embree finds a hit in (`_tilts`). It grows with a
+    sliver's aspect ratio. Its neighbours may err as much as any triangle of its size: a step that clears them is taken
+    while it is shorter than the sliver is wide. Beyond, it would only bring rays over more of them.
     """
     across = abs(ng[0]) * extent[0] + abs(ng[1]) * extent[1] + abs(ng[2]) * extent[2]
     largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
-    tilt = min(_STEP * volume / (area + SMALL), _LONGEST_FOR_SLIVERS * math.sqrt(area))
+    side, inverse = math.sqrt(area), _TILT / (area + SMALL)
+    tilt, around = min(tilts[1] * inverse, _LONGEST_FOR_OWN * side), tilts[0] * inverse
+    if around < _LONGEST_FOR_NEIGHBOURS * side:
+        tilt = max(tilt, around)
     return _STEP * across + _SMALLEST_STEP * largest + tilt + _AT_THE_ORIGIN
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 
-from ..geom.vec import BLACK, ONE, TINY, ZERO, add_scaled, direction_and_length, dot, length, scale, sub
+from ..geom.vec import BLACK, ONE, TINY, TWO, ZERO, add_scaled, direction_and_length, dot, length, scale, sub
 from ..jit import device
 from ..sampler.warp import concentric_disk
-from ..tables import AREA, AXIS, AXIS_X, AXIS_Y, POSITION, RADIANCE, SIZE, SPREAD_NORM, TAN_SPREAD, TO_LOCAL
+from ..tables import AREA, AXIS, AXIS_X, AXIS_Y, POSITION, RADIANCE, SHAPE_STEP, SIZE, SPREAD_NORM, TAN_SPREAD, TO_LOCAL
 from .spherical import rectangle_pdf, sample_rectangle
 
 
@@ -58,6 +58,12 @@ def _visible_part(lamps, i, p):
     half_edge_x, half_edge_y = scale(_vector(lamps, i, AXIS_X), half_x), scale(_vector(lamps, i, AXIS_Y), half_y)
     corner = add_scaled(add_scaled(center, half_edge_x, low_x), half_edge_y, low_y)
     return corner, scale(half_edge_x, high_x - low_x), scale(half_edge_y, high_y - low_y), height
+
+
+@device
+def before_shape(lamps, i, p):
+    """Whether p is well before the shape by which rays meet the lamp, on the side that it shines to."""
+    return dot(sub(p, _vector(lamps, i, POSITION)), _vector(lamps, i, AXIS)) > TWO * lamps[i, SHAPE_STEP]
 
 
 @device

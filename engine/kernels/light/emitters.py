@@ -26,7 +26,7 @@ from ...features import (
 from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, ZERO, cross, mul, sub
 from ..jit import device
 from ..tables import EMISSION, LAMP_MASK, SHADOW_RAY, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED, WORLD_COLOR, WORLD_MASK
-from .area import ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
+from .area import before_shape, ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
 from .environment import environment_lookup, sample_environment
 from .groups import group_shares
 from .point import disk_lamp_seen, inside_lamp, sample_disk_lamp, sample_point, sample_sphere_lamp, sphere_lamp_seen
@@ -162,10 +162,13 @@ def local_probability(f, lights, tree, emitter, p, n):
 @device
 def found_by_rays(f, lights, i, p):
     """Whether a ray that was scattered at p shares the light of lamp i with light sampling. If not, light sampling
-    alone finds it: a lamp that casts no shadow, as rays would be blocked; and a disk, which is met by way of the
-    sphere around it, where p is inside that sphere or something transparent may lie there."""
+    alone finds it: a lamp that casts no shadow, as rays would be blocked; an area lamp whose shape for rays p is too
+    close to; and a disk, which is met by way of the sphere around it, where p is inside that sphere or something
+    transparent may lie there."""
     if f.unshadowed and lights.lamps[i, UNSHADOWED] > ZERO:
         return False
+    if f.lamp_kinds & (RECTANGLE | ELLIPSE) and lights.lamp_kind[i] & (RECTANGLE | ELLIPSE):
+        return before_shape(lights.lamps, i, p)
     if f.lamp_kinds & DISK and lights.lamp_kind[i] & DISK:
         return not (f.transparency or inside_lamp(lights.lamps, i, p))
     return True

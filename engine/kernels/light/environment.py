@@ -33,6 +33,7 @@ from ..geom.vec import (
     PI,
     RED,
     SMALL,
+    TINY,
     TWO,
     TWO_PI,
     ZERO,
@@ -230,10 +231,10 @@ def _invert(cdf, guide, u):
 @device
 def _sample_linear(a, b, u):
     """x in [0, 1] with density proportional to a (1 - x) + b x. Pharr et al. 2023, PBR 4e, section 2.3.2."""
-    if a == b:
+    total = a + b
+    if a == b or total < TINY:  # the reciprocal of less is infinite; nobody sees how so little light is spread
         return u
-    total = a + b  # of shares, as the squares of an image's values may leave float32
-    a, b = a / total, b / total
+    a, b = a / total, b / total  # shares, as the squares of an image's values may leave float32
     return u / max(a + math.sqrt(_mix(a * a, b * b, u)), SMALL)
 
 
