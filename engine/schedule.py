@@ -34,7 +34,7 @@ PASS_SAMPLES = 32  # samples of every pass after them
 TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
-ANNOUNCE_SECONDS = 0.7  # a kernel from the disk cache is there before that
+ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 
 tile_kernel = cache(make_tile_kernel)

@@ -85,6 +85,8 @@ def _parse(prop, text: str):
     try:
         value = ast.literal_eval(text.capitalize() if text.lower() in ("true", "false") else text)
     except (ValueError, SyntaxError):
+        if prop.type in ("INT", "FLOAT") and text.lower().lstrip("+-") in ("inf", "infinity", "nan"):
+            raise ValueError(f"{text} is not finite") from None
         raise ValueError(f"{text!r} is not a value of type {prop.type.lower()}") from None
     if prop.type == "BOOLEAN":
         if value not in (0, 1):
@@ -144,6 +146,7 @@ def render(
             on_message(str(text).rsplit("|", 1)[-1].strip())
 
     _stamp_name_only(scene)
+    stereo, scene.render.use_multiview = scene.render.use_multiview, False
     bpy.app.handlers.render_stats.append(listen)
     start = time.perf_counter()
     try:
@@ -153,7 +156,10 @@ def render(
     finally:
         bpy.app.handlers.render_stats.remove(listen)
     total = time.perf_counter() - start
-    return _lobe_report(total) if scene.render.engine == "LOBE" else _cycles_report(scene, total)
+    report = _lobe_report(total) if scene.render.engine == "LOBE" else _cycles_report(scene, total)
+    if stereo:
+        report["warnings"].append("stereo rendering is not supported here: the picture is the centre view")
+    return report
 
 
 def _stamp_name_only(scene) -> None:

@@ -68,7 +68,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="of the animation; default: the one that the file was saved at")  # fmt: skip
     parser.add_argument("--threads", type=whole_number(0, 1024), metavar="N", help="0: one for each core")
     parser.add_argument("--set", action="append", default=[], metavar="scene.lobe.KEY=VALUE", dest="assignments",
-                        help="any setting; may be given again")  # fmt: skip
+                        help="any setting of Lobe, or of Blender as scene.render.KEY or scene.cycles.KEY; "
+                        "may be given again")  # fmt: skip
     parser.add_argument("--as-is", action="store_true",
                         help="with --engine CYCLES: keep the file's Cycles settings and materials, instead of the "
                         "fair settings, Lobe's bounces and filter, and the exact Phong shader")  # fmt: skip

@@ -126,6 +126,9 @@ class Placement:
                 what = UNSUPPORTED_TYPES[object_.type]
                 self._notes.warn("object", object_.name, f"{what} are not supported and left out")
             return NOTHING  # Curves, text and metaballs come again, as instanced meshes.
+        if not self._view_layer.use_solid:
+            self._notes.skip("object", object_.name, "the view layer includes no surfaces")
+            return NOTHING
         visibility = self._visibility(item, object_)
         if not visibility:
             self._notes.skip("object", object_.name, "it is hidden from every ray")

@@ -14,6 +14,9 @@ from .settings import film_exposure
 from .stop import Stop
 from .world import export_world
 
+# What Blender ticks in new files, of this version or an older one, and what is no pass but a setting of one.
+NO_WISH = {"use_pass_combined", "use_pass_z", "use_pass_cryptomatte_accurate"}
+
 
 def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
     """Everything that the picture of an evaluated dependency graph depends on, as plain arrays.
@@ -35,6 +38,7 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
     placement = Placement(depsgraph, materials, notes, stopping)
     world = export_world(getattr(view_layer, "world_override", None) or scene.world, notes, images)
     note_scene(render, notes)
+    note_passes(view_layer, notes)
     return Scene(
         camera=camera,
         width=width,
@@ -60,3 +64,16 @@ def note_scene(render, notes: Notes) -> None:
         notes.warn_scene("stereo rendering is not supported, every view is the centre one")
     if render.use_freestyle:
         notes.warn_scene("Freestyle lines are not supported and left out")
+
+
+def note_passes(view_layer, notes: Notes) -> None:
+    """Names the passes that are ticked and stay away."""
+    ticked = [
+        prop.name
+        for prop in view_layer.bl_rna.properties
+        if prop.identifier.startswith("use_pass_")
+        and prop.identifier not in NO_WISH
+        and getattr(view_layer, prop.identifier)
+    ]
+    if ticked:
+        notes.warn("view layer", view_layer.name, f"only the Combined pass is supported, not {', '.join(ticked)}")

@@ -85,7 +85,7 @@ def world_visibility(world) -> Visibility:
 
 @value_node("ShaderNodeTexSky")
 def sky(evaluator: Evaluator, slot: Slot) -> np.ndarray:
-    evaluator.note("Sky Texture is not supported, its average colour is drawn")
+    evaluator.note("Sky Texture is not supported: its average colour is drawn, without a sun and its shadows")
     return np.array(SKIES.get(slot.node.sky_type, SKIES["PREETHAM"]))
 
 

@@ -9,7 +9,7 @@ import pytest
 from bl_ext.user_default.lobe import engine
 from bl_ext.user_default.lobe.addon.export import export_scene, export_settings
 
-from tests.blender.export_checks import add_camera, depsgraph
+from tests.blender.export_checks import add_camera, add_object, depsgraph, plane_mesh
 
 
 def test_defaults_are_the_engines():
@@ -70,3 +70,22 @@ def test_what_the_render_settings_ask_in_vain_is_named():
     add_camera()
     bpy.context.scene.render.use_motion_blur = True
     assert export_scene(depsgraph()).warnings == ["motion blur is not supported and left out"]
+
+
+def test_passes_are_named():
+    add_camera()
+    layer = bpy.context.view_layer
+    layer.use_pass_z = True
+    assert export_scene(depsgraph()).warnings == []
+    layer.use_pass_normal = layer.use_pass_mist = True
+    assert export_scene(depsgraph()).warnings == [
+        f"view layer '{layer.name}': only the Combined pass is supported, not Normal, Mist"
+    ]
+
+
+def test_a_view_layer_without_surfaces():
+    add_camera()
+    add_object("Plane", plane_mesh())
+    bpy.context.view_layer.use_solid = False
+    scene = export_scene(depsgraph())
+    assert len(scene.instances.mesh) == 0 and scene.skipped == ["object 'Plane': the view layer includes no surfaces"]

@@ -201,7 +201,9 @@ def test_sky_is_a_constant_and_named():
     add_camera()
     scene = export_scene(depsgraph())
     assert min(scene.world.color) > 0
-    assert scene.warnings == ["world 'World': Sky Texture is not supported, its average colour is drawn"]
+    assert scene.warnings == [
+        "world 'World': Sky Texture is not supported: its average colour is drawn, without a sun and its shadows"
+    ]
 
 
 def test_what_lights_the_scene_counts_for_mixes_by_ray():

@@ -57,6 +57,7 @@ def toon(walk: Walk, slot: Slot) -> Surface:
 @shader_node("ShaderNodeBsdfMetallic")
 def metallic(walk: Walk, slot: Slot) -> Surface:
     _note(walk, slot, "glossy, without the change of colour at grazing angles")
+    walk.note_darker_rim()
     walk.note_normal(slot)
     color = np.minimum(walk.color(slot, "Base Color", (0.8, 0.8, 0.8)), 1.0)
     if slot.node.fresnel_type == "PHYSICAL_CONDUCTOR":
