@@ -1,6 +1,6 @@
 # make render   renders a sample scene with Lobe into out/
 # make test     everything that must hold: style, types, tests
-# make test-long  the tests that take minutes
+# make test-long  the tests that take minutes, and the tables of accuracy in benchmarks/results/
 # make package  the extension with its wheels, for this system, into out/
 # Each makes .venv from the pinned requirements when it is missing or they have changed.
 
@@ -19,7 +19,11 @@ test: lint types
 	$(RUN) -m pytest
 
 test-long: $(INSTALLED)
-	$(RUN) -m pytest -m long -s
+	status=0; \
+	$(RUN) -m pytest -m long -s || status=1; \
+	$(RUN) benchmarks/parity.py all --against REFERENCE --resolution 24x16 --samples 128 || status=1; \
+	$(RUN) benchmarks/parity.py all --against CYCLES --resolution 24x16 --samples 2048 || status=1; \
+	exit $$status
 
 lint: $(INSTALLED)
 	$(RUN) -m ruff check .

@@ -25,13 +25,14 @@ BAKED_MESH, INSTANCED_MESH, LAMP_QUADS, LAMP_SPHERES = 0, 1, 2, 3
 KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = words(0, 3, 6, 7, 10, 16)
 
 # Words of a lamp. RADIANCE holds W/sr where the lamp is a point. SIZE: half the lengths along x and y, or the radius.
-# TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that give the place from the middle in half lengths.
+# SPOT_DROP: 1 - cos of half the cone's angle. TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that give
+# the place from the middle in half lengths.
 POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = words(0, 3, 6, 9, 12, 15)
-TAN_SPREAD, SPREAD_NORM, SPOT_COS, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = words(
+TAN_SPREAD, SPREAD_NORM, SPOT_DROP, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = words(
     17, 18, 19, 20, 21, 30, 31, 32
 )
 # Of area lamps: m2, and how far before the lamp the shape lies by which rays meet it, metres.
-AREA, SHAPE_STEP = SPOT_COS, SPOT_SCALE
+AREA, SHAPE_STEP = SPOT_DROP, SPOT_SCALE
 
 # Words of a sun. AXIS points from the scene to the sun. ONE_MINUS_COS, COS and SIN of the half angle; 0: a direction.
 # IRRADIANCE: the luminance, on a plane that faces it; 0 if only the camera sees it.

@@ -41,10 +41,10 @@ def pack_point(row: np.ndarray, light: PointLight) -> int:
         row[t.RADIANCE : t.RADIANCE + 3] = intensity
     if isinstance(light, SpotLight):
         kind |= SPOT
-        cos_half = np.cos(light.half_angle)
-        row[t.SPOT_COS] = cos_half
+        drop = 2 * np.sin(light.half_angle / 2) ** 2
+        row[t.SPOT_DROP] = drop
         # smoothstep clamps, so a huge finite factor is the hard edge that blend = 0 asks for.
-        row[t.SPOT_SCALE] = min(1 / max((1 - cos_half) * light.blend, 1e-12), 1e12)
+        row[t.SPOT_SCALE] = min(1 / max(drop * light.blend, 1e-12), 1e12)
         # Only directions are taken there: the scale, whose inverse may not fit float32, is left out.
         linear = matrix[:, :3] / (float(np.abs(matrix[:, :3]).max()) or 1.0)
         row[t.TO_LOCAL : t.TO_LOCAL + 9] = np.linalg.pinv(linear).ravel()

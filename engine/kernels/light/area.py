@@ -8,8 +8,6 @@ A shear leaves a parallelogram, or an ellipse whose given radii are not its own 
 
 from __future__ import annotations
 
-import math
-
 from ..geom.vec import BLACK, ONE, TINY, TWO, ZERO, add_scaled, direction_and_length, dot, length, scale, sub
 from ..jit import device
 from ..sampler.warp import concentric_disk
@@ -31,7 +29,7 @@ def _lamp_radiance(lamps, i, wi):
     radiance = _vector(lamps, i, RADIANCE)
     tan_spread = lamps[i, TAN_SPREAD]
     if tan_spread > ZERO:
-        sine = math.sqrt(max(ONE - cosine * cosine, ZERO))
+        sine = length(add_scaled(wi, _vector(lamps, i, AXIS), cosine))
         factor = max(tan_spread - sine / max(cosine, TINY), ZERO) * lamps[i, SPREAD_NORM]
         radiance = scale(radiance, factor)
     return radiance

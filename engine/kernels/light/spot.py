@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..geom.vec import ONE, THREE, TWO, ZERO, normalize
 from ..jit import device
-from ..tables import SPOT_COS, SPOT_SCALE, TO_LOCAL
+from ..tables import SPOT_DROP, SPOT_SCALE, TO_LOCAL
 
 
 @device
@@ -18,5 +18,8 @@ def spot_falloff(lamps, i, w):
             lamps[i, TO_LOCAL + 6] * w[0] + lamps[i, TO_LOCAL + 7] * w[1] + lamps[i, TO_LOCAL + 8] * w[2],
         )
     )
-    s = min(max((-local[2] - lamps[i, SPOT_COS]) * lamps[i, SPOT_SCALE], ZERO), ONE)
+    # 1 - cos of the angle off the axis, which is local -z: a narrow cone's cosines are all 1 in float32.
+    x, y, z = local
+    drop = (x * x + y * y) / (ONE - z) if z < ZERO else ONE + z
+    s = min(max((lamps[i, SPOT_DROP] - drop) * lamps[i, SPOT_SCALE], ZERO), ONE)
     return s * s * (THREE - TWO * s)
