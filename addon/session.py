@@ -63,7 +63,9 @@ class Session:
         try:
             self._watch(worker, picture)
             result = worker.outcome()
-            if result is not None:
+            if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
+                report["stopped"] = True
+            else:
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)

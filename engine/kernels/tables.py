@@ -25,8 +25,8 @@ BAKED_MESH, INSTANCED_MESH, LAMP_QUADS, LAMP_SPHERES = 0, 1, 2, 3
 KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = words(0, 3, 6, 7, 10, 16)
 
 # Words of a lamp. RADIANCE holds W/sr where the lamp is a point. SIZE: half the lengths along x and y, or the radius.
-# SPOT_DROP: 1 - cos of half the cone's angle. TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that give
-# the place from the middle in half lengths.
+# SPOT_DROP: 1 - cos of half the cone's angle. TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that
+# give the place from the middle in half lengths.
 POSITION, AXIS_X, AXIS_Y, AXIS, RADIANCE, SIZE = words(0, 3, 6, 9, 12, 15)
 TAN_SPREAD, SPREAD_NORM, SPOT_DROP, SPOT_SCALE, TO_LOCAL, UNSHADOWED, LAMP_MASK, LAMP_WORDS = words(
     17, 18, 19, 20, 21, 30, 31, 32

@@ -18,6 +18,7 @@ from .geometry import CHUNK
 FAR_OFF = 2.0
 # Metres. Below, products of a few lengths leave float32.
 SMALLEST_SCENE = 1e-2
+MOST_ENLARGED = 2.0**60  # so that what lies metres away, a lamp, keeps to numbers that float32 can square
 
 
 def to_the_middle(scene: Scene) -> Scene:
@@ -26,7 +27,7 @@ def to_the_middle(scene: Scene) -> Scene:
     if bounds is None:
         return scene
     size, middle = (bounds[1] - bounds[0]).max(), bounds.mean(axis=0)
-    factor = 1.0 if size >= SMALLEST_SCENE or size == 0 else 2.0 ** -np.floor(np.log2(size))
+    factor = 1.0 if size >= SMALLEST_SCENE or size == 0 else min(2.0 ** -np.floor(np.log2(size)), MOST_ENLARGED)
     far = np.abs(middle).max() > FAR_OFF * size
     if factor == 1.0 and not far:
         return scene
