@@ -16,7 +16,7 @@ render: $(INSTALLED)
 	$(RUN) tools/render.py sample_blends/plates_phong.blend -o out/plates_phong.png -o out/plates_phong.exr
 
 test: lint types
-	$(RUN) -m pytest
+	$(RUN) -m pytest -n 2 --dist loadfile
 
 test-long: $(INSTALLED)
 	status=0; \
