@@ -51,5 +51,16 @@ def test_the_reference_road_steps_in(block: str, why: str, repository) -> None:
     assert warnings_of(block, repository) == expected
 
 
+def test_another_numba_than_the_kernels_are_made_for(repository) -> None:
+    other = "import numba.core.codegen; del numba.core.codegen.JITCodeLibrary"
+    assert "Numba cannot be used (cannot import name 'JITCodeLibrary'" in warnings_of(other, repository)
+
+
+def test_numba_that_is_told_not_to_compile(repository) -> None:
+    told = 'import os; os.environ["NUMBA_DISABLE_JIT"] = "1"'
+    expected = "Numba cannot be used (NUMBA_DISABLE_JIT is set): rendered by the slow reference road"
+    assert warnings_of(told, repository) == expected
+
+
 def test_the_reference_road_by_choice_is_nothing_to_warn_of(repository) -> None:
     assert warnings_of(MISSING, repository, road="REFERENCE") == ""

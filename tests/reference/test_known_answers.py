@@ -108,11 +108,12 @@ def test_known_answer(case: Case, bounces: int, record: Callable[..., None]) -> 
 # In every run: fewer seeds, so wider intervals
 
 BY_NAME = {case.name: case for case in CASES}
+LAMPS = ("lamp: point", "lamp: spot", "lamp: narrow spot", "lamp: area", "lamp: sun")
 QUICK = [
     *(("furnace, cube", bounces) for bounces in (0, 1, 4)),
     ("lit sphere", 2),
     ("cube's form factor, adjacent", 0),
-    *((name, 0) for name in BY_NAME if name.startswith(("lamp: point", "lamp: spot", "lamp: area", "lamp: sun"))),
+    *((name, 0) for name in BY_NAME if name.startswith(LAMPS)),
     *((name, 0) for name in ("mesh, ball", "white plate, white sky", "white plate, white image")),
     *((f"Phong, n = {n}, 60 degrees", 0) for n in (0, 100, 10000)),
     ("diffuse and Phong, n = 10, 60 degrees", 0),
