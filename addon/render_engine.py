@@ -60,7 +60,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
         with _reporting(self):
             from .viewport import draw_message
 
-            draw_message(context.region, "Press F12 to render with Lobe")
+            draw_message(context.region, "Lobe does not render in the viewport yet: press F12")
 
 
 class _reporting:

@@ -22,6 +22,7 @@ from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.embree import build_monitor, lamp_filter, new_ray
+from .kernels.jit import lost_cache
 from .kernels.path import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables, make_tile_kernel
 from .lighttree import load_builder
 from .pack import Packed, pack
@@ -138,6 +139,8 @@ class _Render:
         result.samples = float(film.samples.mean()) if film.samples.size else 0.0
         if result.rejected:
             result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
+        if problem := lost_cache():
+            result.warnings.append(problem)
         return result
 
     @contextlib.contextmanager

@@ -153,11 +153,11 @@ def _check_mesh(mesh: Mesh) -> np.ndarray:
         if bad is not None:
             where = ", ".join(f"{x:g}" for x in mesh.normals[bad])
             raise scene_error("mesh", mesh.name, f"normal {bad} is ({where}); clear its custom normals")
-        indices = mesh.triangles
         if mesh.normal_indices is not None:
-            indices = mesh.normal_indices
-            _check_array("mesh", mesh.name, "normal_indices", indices, (faces, 3), np.uint32)
-        _check_indices(mesh, "normal_indices", indices, len(mesh.normals), "normals")
+            _check_array("mesh", mesh.name, "normal_indices", mesh.normal_indices, (faces, 3), np.uint32)
+            _check_indices(mesh, "normal_indices", mesh.normal_indices, len(mesh.normals), "normals")
+        elif len(mesh.normals) < len(mesh.vertices):
+            _check_indices(mesh, "normal_indices", mesh.triangles, len(mesh.normals), "normals")
     if mesh.material_slots is not None:
         _check_array("mesh", mesh.name, "material_slots", mesh.material_slots, (faces,), np.int32)
         if faces and mesh.material_slots.min() < 0:

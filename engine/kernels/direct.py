@@ -13,7 +13,7 @@ from .geom.vec import BLACK, FAR, HALF, ONE, ZERO, add, add_scaled, dot, is_blac
 from .jit import device
 from .light.emitters import sample_light
 from .mis import sampled_light_weight
-from .records import LIGHT_CHOICE, LIGHT_POINT, MAX_TRANSPARENT, WHITE, material_color
+from .records import LIGHT_CHOICE, LIGHT_POINT, MAX_TRANSPARENT, WHITE, material_color, without_density
 from .sampler.sobol import sample_1d, sample_2d
 from .tables import DIFFUSE_RAY, GLOSSY_RAY, SHADOW_RAY, TRANSPARENCY
 
@@ -35,7 +35,9 @@ def direct_light(f, tables, memory, vertex, numbers):
     u = sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + LIGHT_CHOICE)
     u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, numbers.dimension + LIGHT_POINT)
     light = sample_light(f, geometry, tables.lights, tables.environment, tables.tree, p, n, vertex.own, u, u1, u2)
-    if not light.pdf > ZERO or is_black(light.radiance):
+    if not light.pdf > ZERO:
+        return without_density(light.pdf), 0
+    if is_black(light.radiance):
         return BLACK, 0
     value, pdf = evaluate(f.phong, f.hemisphere, vertex.surface, vertex.wo, light.wi, n, vertex.ng)
     if is_black(value):

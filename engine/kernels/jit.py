@@ -110,6 +110,15 @@ def _prune(newest: Path) -> None:
 CACHE_FOLDER = _cache_folder()
 _prune(CACHE_FOLDER)
 
+
+def lost_cache() -> str:
+    """What to tell the user where compiled kernels can't be kept; empty where they can."""
+    if CACHE_FOLDER.parent.name == "kernels":
+        return ""
+    places = [place for place in (os.environ.get("LOBE_CACHE_DIR"), tempfile.gettempdir()) if place]
+    return f"compiled kernels are lost at the end, as {' and '.join(map(repr, places))} can't be written to"
+
+
 _OPTIONS = {
     "error_model": "numpy",
     "nogil": True,

@@ -63,6 +63,7 @@ from .records import (
     dimmed,
     gather,
     material_color,
+    without_density,
 )
 from .sampler.random import hash32
 from .sampler.sobol import hash_pixel, sample_1d, sample_2d, start_sample
@@ -122,6 +123,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
             rays += more
         ray, value, state = _scatter(f, tables, counters, vertex, numbers, state)
         if not ray.pdf > ZERO:
+            light = gather(f, light, without_density(ray.pdf))
             break
         light = dimmed(light, scale(value, dot(vertex.n, ray.wi) / ray.pdf))
         if sees_shadows_light(f):
@@ -196,7 +198,7 @@ def _make_vertex(f, geometry, hit, ray, own):
 
 @device
 def _scatter(f, tables, counters, vertex, numbers, state):
-    """(new `Ray`, value of the BRDF, state of the generator). A pdf of 0: the path ends here."""
+    """(new `Ray`, value of the BRDF, state of the generator). Without a density the path ends here."""
     key, order, dimension = numbers.key, numbers.order, numbers.dimension
     u = sample_1d(tables.sampler, key, order, dimension + LOBE) if f.phong else ZERO
     u1, u2 = sample_2d(tables.sampler, key, order, dimension + DIRECTION)
@@ -206,8 +208,10 @@ def _scatter(f, tables, counters, vertex, numbers, state):
     if f.hemisphere == REJECTION and draws:
         counters[DRAWS] += draws
         counters[DIRECTIONS] += 1
-    if not pdf > ZERO or is_black(value):
-        return Ray(vertex.p, vertex.n, wi, DIFFUSE_RAY, ZERO, False), BLACK, state
+    if is_black(value):
+        pdf = ZERO
+    if not pdf > ZERO:
+        return Ray(vertex.p, vertex.n, wi, DIFFUSE_RAY, pdf, False), BLACK, state
     kind = DIFFUSE_RAY
     if f.ray_kinds:
         # The kind of the ray is drawn by the lobes' shares of the BRDF, whichever of them wi came from, so that each

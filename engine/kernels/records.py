@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .geom.vec import ONE, ZERO, add, average, mul, scale
+from .embree import is_finite
+from .geom.vec import BLACK, ONE, ZERO, add, average, mul, scale
 from .jit import device
 
 WHITE = (ONE, ONE, ONE)
@@ -141,6 +142,13 @@ def gather(f, light, found):
         if mean > light.limit:
             contribution = scale(contribution, light.limit / mean)
     return Light(add(light.radiance, contribution), light.throughput, light.limit)
+
+
+@device
+def without_density(pdf):
+    """The light of a direction that has no density: none. Where the density is no number neither is the light, so that
+    the film counts the sample."""
+    return BLACK if is_finite(pdf) else (pdf, pdf, pdf)
 
 
 @device

@@ -40,8 +40,8 @@ class Sampler(NamedTuple):
 
 _DIFFUSE = (diffuse.sample_diffuse, warp.concentric_disk, warp.cosine_hemisphere)
 _DIFFUSE += (warp.uniform_hemisphere, warp.rejection_hemisphere)
-_SPHERE = (point.sample_sphere_lamp, spherical.sample_sphere)
-_DISK = (point.sample_disk_lamp, warp.concentric_disk)
+_SPHERE = (point.sample_sphere_lamp, spherical.sample_sphere, warp.uniform_cone, warp.cosine_hemisphere)
+_DISK = (point.sample_disk_lamp, warp.uniform_cone, warp.concentric_disk)
 _RECTANGLE = (area.sample_rectangle_lamp, spherical.sample_rectangle)
 _ELLIPSE = (area.sample_ellipse_lamp, warp.concentric_disk)
 
@@ -73,8 +73,8 @@ SAMPLERS: tuple[Sampler, ...] = (
         AreaLight("spread ellipse", radiance=LIGHT, size_x=1.5, size_y=0.6, ellipse=True, spread=0.6),
         _ELLIPSE,
     ),
-    Sampler("sun", "sun", SunLight("sun", irradiance=LIGHT, angle=0.01), (sun.sample_sun,)),
-    Sampler("sun", "wide sun", SunLight("wide sun", irradiance=LIGHT, angle=1.5), (sun.sample_sun,)),
+    Sampler("sun", "sun", SunLight("sun", irradiance=LIGHT, angle=0.01), (sun.sample_sun, warp.uniform_cone)),
+    Sampler("sun", "wide sun", SunLight("wide sun", irradiance=LIGHT, angle=1.5), (sun.sample_sun, warp.uniform_cone)),
     Sampler(
         "emitter", "triangle", np.array([(-0.8, -0.5, 0), (0.9, -0.6, 0), (0, 0.7, 0.3)]), (spherical.sample_triangle,)
     ),

@@ -40,6 +40,7 @@ def test_the_folder_is_the_one_that_was_chosen(repository, tmp_path) -> None:
     folder = Path(run(SHOW, repository, LOBE_CACHE_DIR=str(tmp_path)))
     assert folder.parent == tmp_path / "kernels"
     assert folder.is_dir()
+    assert not jit.lost_cache()  # of this process
 
 
 def test_a_folder_that_cannot_be_written_is_replaced(repository, tmp_path) -> None:
@@ -57,6 +58,9 @@ def test_kernels_compile_where_no_folder_can_be_kept(repository, tmp_path, monke
     assert folder.parent == tmp_path
     monkeypatch.setattr(jit, "CACHE_FOLDER", folder)
     assert jit.kernel(lambda x: x + 1)(1) == 2
+    assert jit.lost_cache() == (
+        f"compiled kernels are lost at the end, as {str(tmp_path / 'file')!r} and {str(tmp_path)!r} can't be written to"
+    )
     jit._prune(folder)  # which has no brothers to delete
     assert folder.is_dir()
 

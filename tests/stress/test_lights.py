@@ -53,6 +53,14 @@ def test_receiver_inside_the_lamp(radius, height):
     check(plate([sphere(radius, height)]), 1 / (np.pi * radius**2))
 
 
+@pytest.mark.parametrize("radius", [1e-12, 1e-3, 1.0, 1e2, 1e3, 1e6])
+def test_soft_lamp_of_any_radius(radius):
+    """The disk that faces the receiver is a cone of sin^2 = r^2 / (r^2 + d^2), whether it lies within the sphere or
+    not. By area instead of by solid angle, its noise at 100 m would be a thousand times as much."""
+    lamp = sphere(radius, 1.0, soft_falloff=True)
+    check(plate([lamp], slant=(0, 0, -1)), 1 / (np.pi * (1 + radius**2)))
+
+
 @pytest.mark.parametrize("height", [1e-2, 1e-4])
 def test_point_light_next_to_the_receiver(height):
     check(plate([sphere(0.0, height)], slant=(0, 0, -1)), 1 / (np.pi * height**2), slack=2e-3)

@@ -38,7 +38,8 @@ def test_refused_arguments(arguments, message, capsys):
     with pytest.raises(SystemExit) as stopped:
         render.parse(["scene.blend", "-o", "a.png", *arguments])
     assert stopped.value.code == 2
-    assert message in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("render.py: argument ") and message in line
 
 
 def test_accepted_arguments():

@@ -5,12 +5,12 @@ All have the intensity of a point seen from afar: the radiance of sphere and dis
 
 from __future__ import annotations
 
-from ..geom.frame import basis
-from ..geom.vec import BLACK, ONE, PI, TINY, ZERO, add_scaled, direction_and_length, dot, negate, scale, sub
+from ..geom.frame import to_world
+from ..geom.vec import BLACK, ONE, TINY, ZERO, direction_and_length, dot, negate, scale, sub
 from ..jit import device
-from ..sampler.warp import concentric_disk
+from ..sampler.warp import uniform_cone, uniform_cone_pdf
 from ..tables import POSITION, RADIANCE, SIZE
-from .spherical import sample_sphere, sphere_pdf
+from .spherical import one_minus_cos, sample_sphere, sphere_pdf
 from .spot import spot_falloff
 
 
@@ -62,16 +62,14 @@ def _sphere_radiance(spot, lamps, i, p, wi):
 
 @device
 def sample_disk_lamp(spot, lamps, i, p, u1, u2):
-    """(wi, t, radiance, pdf), uniform in the area of the disk."""
+    """(wi, t, radiance, pdf). The disk faces p, so what p sees of it is a cone: uniform in solid angle."""
     axis, distance = direction_and_length(sub(_position(lamps, i), p))
     if distance <= ZERO:
         return axis, ZERO, BLACK, ZERO
-    x, y = concentric_disk(u1, u2)
-    bx, by = basis(axis)
-    radius = lamps[i, SIZE]
-    point = add_scaled(add_scaled(_position(lamps, i), bx, x * radius), by, y * radius)
-    wi, t = direction_and_length(sub(point, p))
-    return wi, t, _disk_radiance(spot, lamps, i, wi), _disk_pdf(radius, dot(axis, wi), t)
+    cap = _disk_cap(lamps[i, SIZE], distance)
+    local = uniform_cone(u1, u2, cap)
+    wi = to_world(local, axis)
+    return wi, distance / max(local[2], TINY), _disk_radiance(spot, lamps, i, wi), uniform_cone_pdf(cap)
 
 
 @device
@@ -82,12 +80,18 @@ def disk_lamp_seen(spot, lamps, i, p, wi):
     cosine = dot(axis, wi)
     if cosine <= TINY:
         return BLACK, ZERO
-    t = distance / cosine
-    off = sub(scale(wi, t), to_lamp)
+    off = sub(scale(wi, distance / cosine), to_lamp)
     radius = lamps[i, SIZE]
     if dot(off, off) > radius * radius:
         return BLACK, ZERO
-    return _disk_radiance(spot, lamps, i, wi), _disk_pdf(radius, cosine, t)
+    return _disk_radiance(spot, lamps, i, wi), uniform_cone_pdf(_disk_cap(radius, distance))
+
+
+@device
+def _disk_cap(radius, distance):
+    """1 - cos of the half-angle under which the disk is seen."""
+    squared = radius * radius
+    return one_minus_cos(squared / (squared + distance * distance))
 
 
 @device
@@ -102,11 +106,6 @@ def inside_lamp(lamps, i, p):
     """Whether p lies inside the sphere of the lamp, or on it: rays from there only meet it where they leave it."""
     off = sub(_position(lamps, i), p)
     return dot(off, off) <= lamps[i, SIZE] * lamps[i, SIZE]
-
-
-@device
-def _disk_pdf(radius, cosine, t):
-    return t * t / (PI * radius * radius * cosine) if cosine > TINY else ZERO
 
 
 @device

@@ -20,18 +20,15 @@ import math
 
 import numpy as np
 
-from ..geom.frame import basis
+from ..geom.frame import to_world
 from ..geom.vec import (
     HALF,
     HALF_PI,
-    INV_PI,
-    INV_TWO_PI,
     ONE,
     PI,
     QUARTER_PI,
     SMALL,
     TWO,
-    TWO_PI,
     ZERO,
     cross,
     direction_and_length,
@@ -40,6 +37,7 @@ from ..geom.vec import (
     sub,
 )
 from ..jit import device
+from ..sampler.warp import cosine_hemisphere, cosine_hemisphere_pdf, uniform_cone, uniform_cone_pdf
 
 FAR_RATIO = np.float32(2)
 FAR_RATIO_SQUARED = FAR_RATIO * FAR_RATIO
@@ -298,9 +296,9 @@ def rectangle_pdf(p, corner, edge_u, edge_v, wi, t):
 
 
 @device
-def _one_minus_cos_max(ratio_squared):
-    """1 - cos of the half-angle of a sphere, from (radius / distance)^2 <= 1. No cancellation."""
-    return ratio_squared / (ONE + math.sqrt(ONE - ratio_squared))
+def one_minus_cos(sine_squared):
+    """1 - cos of an acute angle, from sin^2 <= 1. No cancellation."""
+    return sine_squared / (ONE + math.sqrt(ONE - sine_squared))
 
 
 @device
@@ -312,23 +310,18 @@ def sample_sphere(p, n, center, radius, u1, u2):
     """
     to_center = sub(center, p)
     d_squared, r_squared = dot(to_center, to_center), radius * radius
-    phi = TWO_PI * u2
     if d_squared <= r_squared:
-        tangent, bitangent = basis(n)
-        sine, cosine = math.sqrt(u1), math.sqrt(ONE - u1)
-        wi = _combine(sine * math.cos(phi), tangent, sine * math.sin(phi), bitangent, cosine, n)
+        local = cosine_hemisphere(u1, u2)
+        wi = to_world(local, n)
         along = dot(to_center, wi)
         t = along + math.sqrt(max(along * along + (r_squared - d_squared), ZERO))
-        return wi, t, cosine * INV_PI
+        return wi, t, cosine_hemisphere_pdf(local[2])
     axis, d = direction_and_length(to_center)
-    cap = _one_minus_cos_max(r_squared / d_squared)
-    x = u1 * cap  # 1 - cos(axis, wi)
-    sine_squared = x * (TWO - x)
-    sine = math.sqrt(sine_squared)
-    tangent, bitangent = basis(axis)
-    wi = _combine(sine * math.cos(phi), tangent, sine * math.sin(phi), bitangent, ONE - x, axis)
-    t = d * (ONE - x) - math.sqrt(max(r_squared - d_squared * sine_squared, ZERO))
-    return wi, t, INV_TWO_PI / cap
+    cap = one_minus_cos(r_squared / d_squared)
+    local = uniform_cone(u1, u2, cap)
+    sine_squared = local[0] * local[0] + local[1] * local[1]
+    t = d * local[2] - math.sqrt(max(r_squared - d_squared * sine_squared, ZERO))
+    return to_world(local, axis), t, uniform_cone_pdf(cap)
 
 
 @device
@@ -337,5 +330,5 @@ def sphere_pdf(p, n, center, radius, wi):
     to_center = sub(center, p)
     d_squared, r_squared = dot(to_center, to_center), radius * radius
     if d_squared <= r_squared:
-        return max(dot(n, wi), ZERO) * INV_PI
-    return INV_TWO_PI / _one_minus_cos_max(r_squared / d_squared)
+        return cosine_hemisphere_pdf(dot(n, wi))
+    return uniform_cone_pdf(one_minus_cos(r_squared / d_squared))

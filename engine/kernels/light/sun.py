@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from ..geom.frame import to_world
-from ..geom.vec import BLACK, ONE, TWO, TWO_PI, ZERO, dot, sub
+from ..geom.vec import BLACK, ONE, TWO, ZERO, dot, sub
 from ..jit import device
+from ..sampler.warp import uniform_cone, uniform_cone_pdf
 from ..tables import SUN_AXIS, SUN_COS, SUN_IRRADIANCE, SUN_ONE_MINUS_COS, SUN_RADIANCE, SUN_SIN
 from .tree import mean_cosine
 
@@ -69,11 +68,8 @@ def sample_sun(suns, i, u1, u2):
     one_minus_cos = suns[i, SUN_ONE_MINUS_COS]
     if one_minus_cos <= ZERO:
         return _axis(suns, i), _radiance(suns, i), ONE, True
-    drop = u1 * one_minus_cos
-    sine = math.sqrt(drop * (TWO - drop))
-    phi = TWO_PI * u2
-    wi = to_world((sine * math.cos(phi), sine * math.sin(phi), ONE - drop), _axis(suns, i))
-    return wi, _radiance(suns, i), ONE / (TWO_PI * one_minus_cos), False
+    wi = to_world(uniform_cone(u1, u2, one_minus_cos), _axis(suns, i))
+    return wi, _radiance(suns, i), uniform_cone_pdf(one_minus_cos), False
 
 
 @device
@@ -83,4 +79,4 @@ def sun_seen(suns, i, wi):
     off = sub(wi, _axis(suns, i))
     if dot(off, off) > TWO * one_minus_cos or one_minus_cos <= ZERO:
         return BLACK, ZERO
-    return _radiance(suns, i), ONE / (TWO_PI * one_minus_cos)
+    return _radiance(suns, i), uniform_cone_pdf(one_minus_cos)

@@ -38,12 +38,26 @@ def cosine_hemisphere_pdf(cos_theta):
 
 
 @device
-def uniform_hemisphere(u1, u2):
-    """Uniform in solid angle, by the equal-area map from the disk: z = 1 - r^2."""
+def uniform_cone(u1, u2, one_minus_cos):
+    """Uniform in solid angle, within a half-angle of at most pi that is given by 1 - cos. Digits are kept in the
+    narrowest of cones. By the equal-area map from the disk: 1 - z = r^2 (1 - cos)."""
     x, y = concentric_disk(u1, u2)
-    squared = x * x + y * y
-    stretch = math.sqrt(max(TWO - squared, ZERO))
-    return x * stretch, y * stretch, max(ONE - squared, ZERO)
+    drop = (x * x + y * y) * one_minus_cos
+    stretch = math.sqrt(max(one_minus_cos * (TWO - drop), ZERO))
+    return x * stretch, y * stretch, ONE - drop
+
+
+@device
+def uniform_cone_pdf(one_minus_cos):
+    """Inside the cone."""
+    return INV_TWO_PI / one_minus_cos
+
+
+@device
+def uniform_hemisphere(u1, u2):
+    """Uniform in solid angle."""
+    x, y, z = uniform_cone(u1, u2, ONE)
+    return x, y, max(z, ZERO)
 
 
 @device
