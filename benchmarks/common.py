@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -25,8 +25,8 @@ SAMPLES = ROOT / "sample_blends"
 RESULTS = ROOT / "benchmarks" / "results"
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
-__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "br", "enable_lobe", "engine_label", "prepare", "render",
-           "scene_path", "update_table"]  # fmt: skip
+__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "br", "enable_lobe", "engine_label", "markdown", "prepare",
+           "read_table", "render", "scene_path", "update_table"]  # fmt: skip
 
 
 def scene_path(name: str) -> Path:
@@ -58,28 +58,48 @@ def engine_label(engine: str) -> str:
     return {"LOBE": "Lobe", "CYCLES": "Cycles", "REFERENCE": "the reference road"}[engine]
 
 
-def update_table(name: str, keys: Iterable[str], rows: list[dict]) -> str:
+def update_table(
+    name: str,
+    keys: Iterable[str],
+    rows: list[dict],
+    *,
+    folder: Path | None = None,
+    note: str = "",
+    summary: Callable[[list[dict]], dict] | None = None,
+) -> str:
     """Put `rows` into results/`name`.csv, in place of rows with equal `keys`, and write the same table as Markdown.
 
+    folder: in place of results; note: Markdown before the table; summary: makes a last row of all the others.
     Gives back the Markdown of the new rows.
     """
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    path = RESULTS / f"{name}.csv"
+    folder = RESULTS if folder is None else folder
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.csv"
     keys, fields = list(keys), list(rows[0])
     rows = [{k: str(v) for k, v in row.items()} for row in rows]
-    old: list[dict] = []
-    if path.is_file():
-        with path.open(newline="") as file:
-            old = [row for row in csv.DictReader(file) if set(row) == set(fields)]
+    old = [row for row in read_table(name, folder) if set(row) == set(fields)]
+    if summary is not None:
+        old = old[:-1]
     fresh = {tuple(row[k] for k in keys) for row in rows}
     together = [row for row in old if tuple(row[k] for k in keys) not in fresh] + rows
     together.sort(key=lambda row: tuple(row[k] for k in keys))
+    if summary is not None:
+        together.append(summary(together))
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, fields, lineterminator="\n")
         writer.writeheader()
         writer.writerows(together)
-    path.with_suffix(".md").write_text(markdown(together))
+    path.with_suffix(".md").write_text(note + markdown(together))
     return markdown(rows)
+
+
+def read_table(name: str, folder: Path) -> list[dict[str, str]]:
+    """The rows of `folder`/`name`.csv; none when there is no such file."""
+    path = folder / f"{name}.csv"
+    if not path.is_file():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def markdown(rows: list[dict]) -> str:

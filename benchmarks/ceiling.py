@@ -1,0 +1,216 @@
+"""How near Lobe is to its ceiling: the time of a render beside that of its rays alone.
+
+Tracing is Embree's work, and sampling cannot be faster than it. So a render's rays are recorded, by standing in for
+the two functions of Embree that kernels call, and then replayed: the same rays in the same order through the same
+functions, with the same flags and the same filter for lamps, and nothing between them but copying the next ray.
+Render and replay are timed in turn, on the same number of threads. `tools/bench.py --ceiling` prints the table.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import itertools
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+from numba import carray
+from tqdm import tqdm
+
+from benchmarks import common
+from tools import metrics
+
+# A record: the words of Embree's RTCRay, then which call it went to.
+RAY_WORDS, CALL, RECORD_WORDS = 12, 12, 13
+INTERSECT, INTERSECT_NOTING_LAMPS, OCCLUDED = 0, 1, 2
+MOST_RAYS = 1 << 24  # 870 MB
+SAMPLES = 16
+CHUNK = 1 << 12  # rays that a thread takes at a time, about as many as a tile of a render has
+
+
+@dataclass(frozen=True)
+class Recording:
+    """records (rays, RECORD_WORDS) uint32, in the order in which one thread traced them."""
+
+    records: np.ndarray
+
+    @property
+    def shadow_share(self) -> float:
+        return float(np.mean(self.records[:, CALL] == OCCLUDED))
+
+
+def measure(name: str, resolution: tuple[int, int], samples: int, threads: int, runs: int) -> dict:
+    """A row of the table for a sample scene, or a file. `common.enable_lobe()` has been called."""
+    from bl_ext.user_default.lobe.engine import render
+    from bl_ext.user_default.lobe.engine.pack import pack
+
+    scene, settings = export(name, resolution, samples, threads)
+    recording = record(scene, settings)
+    packed = pack(scene, settings, np.zeros(1, np.uint8))
+    times: dict[str, list[float]] = {"render": [], "replay": []}
+    for _ in range(runs):
+        times["render"].append(render(scene, settings).seconds["render"])
+        times["replay"].append(replay(recording, packed, threads))
+    median, low, high = metrics.median_ratio(times["render"], times["replay"])
+    return {
+        "scene": Path(name).stem,
+        "resolution": "{}x{}".format(*resolution),
+        "samples": samples,
+        "threads": threads,
+        "pairs": runs,
+        "M rays": f"{len(recording.records) / 1e6:.2f}",
+        "shadow rays": f"{recording.shadow_share:.0%}",
+        "render / replay": f"{median:.2f} ({low:.2f} to {high:.2f})",
+    }
+
+
+def export(name: str, resolution: tuple[int, int], samples: int, threads: int):
+    """(engine.Scene, engine.Settings) of a sample scene with a box filter and no adaptive sampling."""
+    import bpy
+    from bl_ext.user_default.lobe.addon.export import export_scene, export_settings
+
+    blend = common.prepare(common.scene_path(name), resolution, threads)
+    blend.lobe.samples = samples
+    settings = export_settings(blend)
+    return export_scene(bpy.context.evaluated_depsgraph_get()), replace(settings, use_adaptive_sampling=False)
+
+
+def record(scene, settings) -> Recording:
+    """All rays of a render, by one thread."""
+    from bl_ext.user_default.lobe.engine import render
+
+    records, count = np.empty((MOST_RAYS, RECORD_WORDS), np.uint32), np.zeros(1, np.int64)
+    with _instead_of_embree(records, count):
+        result = render(scene, replace(settings, threads=1))
+    if count[0] != result.rays or result.rays > MOST_RAYS:
+        raise RuntimeError(f"{count[0]} rays were recorded of {result.rays}: take fewer samples, or a smaller picture")
+    return Recording(records[: count[0]].copy())
+
+
+@contextlib.contextmanager
+def _instead_of_embree(records: np.ndarray, count: np.ndarray) -> Iterator[None]:
+    """Kernels that are loaded in here call functions that write down each ray and hand it on to Embree.
+
+    Compiled code looks its outer functions up by name when it is loaded, so that is what has to happen again.
+    """
+    from bl_ext.user_default.lobe.engine import schedule
+    from bl_ext.user_default.lobe.engine.kernels.embree import library
+
+    names = "rtcIntersect1", "rtcOccluded1"
+    real = {name: ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in names}
+    stand_in = {name: _recorder(name, real[name], records, count) for name in names}
+    try:
+        for name in names:
+            llvm.add_symbol(name, stand_in[name].address)
+        schedule.tile_kernel.cache_clear()
+        yield
+    finally:
+        for name in names:
+            llvm.add_symbol(name, real[name])
+        schedule.tile_kernel.cache_clear()
+
+
+def _is_null(typing_context, pointer):
+    """Of a pointer, in compiled code."""
+
+    def codegen(context, builder, signature, args):
+        return builder.icmp_unsigned("==", args[0], args[0].type(None))
+
+    return numba.types.boolean(numba.types.voidptr), codegen
+
+
+def _recorder(name: str, real_address: int, records: np.ndarray, count: np.ndarray):
+    """A C function to call in place of the one of Embree's."""
+    from bl_ext.user_default.lobe.engine.kernels.embree import _pointer
+
+    llvm.add_symbol(f"recorded_{name}", real_address)
+    real = numba.types.ExternalFunction(
+        f"recorded_{name}", numba.void(numba.types.voidptr, numba.types.voidptr, numba.types.voidptr)
+    )
+    to_records, to_count, room = records.ctypes.data, count.ctypes.data, len(records)
+    shadow, is_null = name == "rtcOccluded1", numba.extending.intrinsic(_is_null)
+
+    @numba.cfunc("void(voidptr, voidptr, voidptr)")
+    def note(scene, ray, arguments):
+        counter = carray(_pointer(np.uintp(to_count)), 1, np.int64)
+        place = counter[0]
+        counter[0] += 1
+        if place < room:
+            words = carray(ray, RAY_WORDS, np.uint32)
+            kept = carray(_pointer(np.uintp(to_records + place * RECORD_WORDS * 4)), RECORD_WORDS, np.uint32)
+            for i in range(RAY_WORDS):
+                kept[i] = words[i]
+            if shadow:
+                kept[CALL] = OCCLUDED
+            else:
+                kept[CALL] = INTERSECT if is_null(arguments) else INTERSECT_NOTING_LAMPS  # type: ignore[call-arg]
+        real(scene, ray, arguments)
+
+    return note
+
+
+def replay(recording: Recording, packed, threads: int) -> float:
+    """Seconds that Embree takes for the recorded rays, on so many threads."""
+    from bl_ext.user_default.lobe.engine.kernels.embree import new_ray
+
+    trace, records = _replay_kernel(), recording.records
+    chunks = itertools.count(0, CHUNK)  # a step of it is one call of C: threads may share it
+
+    def work(ray: np.ndarray) -> None:
+        words = ray.view(np.uint32)
+        while (first := next(chunks)) < len(records):
+            trace(packed.accel.address, records[first : first + CHUNK], ray, words)
+
+    rays = [new_ray(packed.lights.shape_count) for _ in range(threads)]
+    trace(packed.accel.address, records[:0], rays[0], rays[0].view(np.uint32))  # compiles
+    with ThreadPoolExecutor(threads) as pool:
+        begun = time.perf_counter()
+        list(pool.map(work, rays))
+        return time.perf_counter() - begun
+
+
+@cache
+def _replay_kernel():
+    """The bare loop. Not kept on disk: it belongs to no render."""
+    from bl_ext.user_default.lobe.engine.kernels import embree
+
+    pointer, intersect1, occluded1 = embree._pointer, embree._rtcIntersect1, embree._rtcOccluded1
+    geometry_id, instance_id, invalid = embree.GEOM_ID, embree.INST_ID, embree.INVALID
+    lamp_count, arguments = embree.LAMP_COUNT, 4 * embree._ARGUMENTS
+
+    @numba.njit(nogil=True, error_model="numpy")
+    def trace(scene, records, ray, words):
+        address = np.uintp(ray.ctypes.data)
+        for i in range(len(records)):
+            for word in range(RAY_WORDS):
+                words[word] = records[i, word]
+            call = records[i, CALL]
+            if call == OCCLUDED:
+                occluded1(pointer(np.uintp(scene)), pointer(address), pointer(np.uintp(0)))
+                continue
+            words[geometry_id] = invalid
+            words[instance_id] = invalid
+            if call == INTERSECT:
+                intersect1(pointer(np.uintp(scene)), pointer(address), pointer(np.uintp(0)))
+            else:
+                words[lamp_count] = np.uint32(0)
+                intersect1(pointer(np.uintp(scene)), pointer(address), pointer(address + np.uintp(arguments)))
+
+    return trace
+
+
+def table(names: list[str], resolution: tuple[int, int], threads: int, runs: int, folder: Path) -> str:
+    """Measure these scenes, and write ceiling.csv and .md into `folder`."""
+    rows = []
+    for name in tqdm(names, file=sys.stderr):
+        rows.append(measure(name, resolution, SAMPLES, threads, runs))
+        written = common.update_table("ceiling", ("scene",), rows, folder=folder)
+    return written

@@ -1,0 +1,196 @@
+"""From renders to figures: errors with their spread, slopes, and the ratio of times at equal error. Pure numpy.
+
+Errors are relMSE, times are seconds. Everything that is averaged over a range of errors or samples is averaged in the
+logarithm: a curve's shape on log-log paper is what these figures describe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tools import metrics
+
+from .reference import MARGIN, Reference
+from .runs import Render
+
+PHASES = ("start", "export", "build", "compile", "render", "total")
+BOOTSTRAP_RUNS = 2000
+CONFIDENCE = 0.95
+FLIP_SEEDS = 2  # FLIP takes half a second a picture and hardly differs between seeds
+# Cycles tells its sampling time in hundredths of a second: what is shorter than this is rounded by over 10 %.
+SHORTEST_SAMPLING = 0.05
+
+
+@dataclass(frozen=True)
+class Level:
+    """One engine's renders at one number of samples. The arrays have one value for each seed."""
+
+    samples: int
+    whole: np.ndarray  # relMSE, the reference's noise taken off
+    trimmed: np.ndarray
+    total: np.ndarray  # seconds
+    sampling: np.ndarray
+    phases: dict[str, float | None]  # median seconds; None: the engine doesn't tell
+    squared_bias: float  # against the reference, on the scale of relMSE; unbiased, so it may come out below zero
+    mean_difference: tuple[float, float]  # of the picture's mean to the reference's, relative; half width of 95 %
+    flip: float
+    reference_noise: float
+
+    @property
+    def error(self) -> float:
+        return float(self.whole.mean())
+
+    @property
+    def marked(self) -> bool:
+        """Near the noise of the reference: to be read with care."""
+        return self.error < MARGIN * self.reference_noise
+
+    @property
+    def usable(self) -> bool:
+        """Below the noise of the reference a difference of two noises is left."""
+        return self.error > self.reference_noise
+
+
+def level(samples: int, renders: Sequence[Render], reference: Reference) -> Level:
+    """The figures of one engine's renders at one number of samples."""
+    pictures = np.stack([render.picture for render in renders])
+    whole, trimmed = np.array([reference.errors(picture) for picture in pictures]).T
+    return Level(
+        samples=samples,
+        whole=whole,
+        trimmed=trimmed,
+        total=np.array([render.total for render in renders]),
+        sampling=np.array([render.sampling for render in renders]),
+        phases=median_phases(renders),
+        squared_bias=metrics.squared_bias(pictures, reference.replicates, reference.picture),
+        mean_difference=metrics.mean_difference(pictures, reference.replicates),
+        flip=float(np.mean([flip(picture, reference.picture) for picture in pictures[:FLIP_SEEDS]])),
+        reference_noise=reference.noise,
+    )
+
+
+def median_phases(renders: Sequence[Render]) -> dict[str, float | None]:
+    """Median seconds of each phase over the renders; None where the engine doesn't tell it."""
+    rows = [{**render.report["seconds"], "start": render.start} for render in renders]
+    return {
+        p: None if any(row[p] is None for row in rows) else float(np.median([row[p] for row in rows])) for p in PHASES
+    }
+
+
+def flip(picture: np.ndarray, reference: np.ndarray) -> float:
+    """Mean HDR-FLIP of a scene-linear picture: 0 alike, 1 as different as can be seen (Andersson et al. 2021)."""
+    from flip_evaluator import evaluate
+
+    as_input = (np.ascontiguousarray(np.maximum(p, 0.0), dtype=np.float32) for p in (reference, picture))
+    _, mean, _ = evaluate(*as_input, "HDR", applyMagma=False)
+    return float(mean)
+
+
+def standard_error(values: np.ndarray) -> float:
+    return float(values.std(ddof=1) / np.sqrt(len(values)))
+
+
+def slope(x: Sequence[float], errors: Sequence[float]) -> float:
+    """Exponent of the power law that fits best: least squares of log error over log x. -1 is plain Monte Carlo."""
+    if len(x) < 2:
+        return np.nan
+    return float(np.polyfit(np.log(x), np.log(errors), 1)[0])
+
+
+def slopes(levels: Sequence[Level]) -> tuple[float, float]:
+    """Of the error against samples, and against sampling time where that is long enough to be known."""
+    used = [lv for lv in levels if lv.usable]
+    timed = [lv for lv in used if np.median(lv.sampling) >= SHORTEST_SAMPLING]
+    return (
+        slope([lv.samples for lv in used], [lv.error for lv in used]),
+        slope([float(np.median(lv.sampling)) for lv in timed], [lv.error for lv in timed]),
+    )
+
+
+# --- times at equal error -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Curve:
+    """errors, seconds: (levels, seeds), of levels with more and more samples."""
+
+    errors: np.ndarray
+    seconds: np.ndarray
+
+    def over(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """log of mean error and of median time of these seeds, errors strictly falling.
+
+        A level that isn't better than a shorter one is left out: whoever waits would have taken the shorter.
+        """
+        error, seconds = self.errors[:, seeds].mean(axis=1), np.median(self.seconds[:, seeds], axis=1)
+        best = np.minimum.accumulate(np.concatenate([[np.inf], error[:-1]]))
+        kept = (error < best) & (error > 0.0) & (seconds > 0.0)
+        return np.log(error[kept]), np.log(seconds[kept])
+
+
+@dataclass(frozen=True)
+class TimeRatio:
+    """Cycles' time over Lobe's at equal error: medians and intervals of the bootstrap; nan where there is none."""
+
+    mean: tuple[float, float, float]  # geometric mean over the errors that both reach: median, low, high
+    at_lowest: tuple[float, float, float]  # at the lowest error that both reach
+    errors: tuple[float, float]  # that range
+
+
+def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, float, float, float]:
+    """log of (mean ratio, ratio at the lowest error), and the range of log errors that both curves reach.
+
+    Both curves are straight between their levels on log-log paper. The mean is that of log(Cycles' time / Lobe's) over
+    the log error, from the lowest to the highest error that both have reached.
+    """
+    (error_l, time_l), (error_c, time_c) = lobe.over(seeds), cycles.over(seeds)
+    if len(error_l) == 0 or len(error_c) == 0:
+        return (np.nan,) * 4
+    low, high = max(error_l[-1], error_c[-1]), min(error_l[0], error_c[0])
+    if low >= high:
+        return (np.nan,) * 4
+    at = np.linspace(low, high, 65)
+    ratio = np.interp(at, error_c[::-1], time_c[::-1]) - np.interp(at, error_l[::-1], time_l[::-1])
+    return float(ratio.mean()), float(ratio[0]), low, high
+
+
+def time_ratio(lobe: Curve, cycles: Curve, seed: int = 0) -> TimeRatio:
+    """How many times longer Cycles takes to the same error, with a 95 % interval from a bootstrap over the runs.
+
+    A run is a pair of renders made one after the other at each level, and is drawn as a whole: a slow minute of the
+    machine hits both of the pair, and a longer render continues a shorter one's random numbers.
+    """
+    rng = np.random.default_rng(seed)
+    runs = lobe.errors.shape[1]
+    drawn = rng.integers(0, runs, (BOOTSTRAP_RUNS, runs))
+    found = np.array([log_ratio(lobe, cycles, seeds) for seeds in drawn])
+    low, high = log_ratio(lobe, cycles, np.arange(runs))[2:]
+    return TimeRatio(_quantiles(found[:, 0]), _quantiles(found[:, 1]), (float(np.exp(low)), float(np.exp(high))))
+
+
+def _quantiles(logs: np.ndarray) -> tuple[float, float, float]:
+    logs = logs[np.isfinite(logs)]
+    if len(logs) == 0:
+        return (np.nan,) * 3
+    tail = (1 - CONFIDENCE) / 2
+    median, low, high = np.exp(np.quantile(logs, [0.5, tail, 1 - tail]))
+    return float(median), float(low), float(high)
+
+
+def curve(levels: Sequence[Level], seconds: str, error: str = "whole") -> Curve:
+    """seconds: "total" or "sampling"; error: "whole" or "trimmed"."""
+    used = [lv for lv in levels if lv.usable and (seconds == "total" or np.median(lv.sampling) >= SHORTEST_SAMPLING)]
+    seeds = len(levels[0].whole)
+    errors = np.array([getattr(lv, error) for lv in used]).reshape(-1, seeds)
+    return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(-1, seeds))
+
+
+def geometric_mean(ratios: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    """Of independent (ratio, low, high), whose intervals are taken for symmetric in the logarithm."""
+    logs = np.log(np.array(ratios, float))
+    half = np.sqrt((((logs[:, 2] - logs[:, 1]) / 2) ** 2).sum()) / len(logs)
+    middle = logs[:, 0].mean()
+    return float(np.exp(middle)), float(np.exp(middle - half)), float(np.exp(middle + half))

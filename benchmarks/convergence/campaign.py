@@ -1,0 +1,177 @@
+"""One scene from first to last: probe, reference, pilot of Cycles' variants, levels, and pictures at equal time.
+
+`measure` asks the store for renders in the order in which they are to be made. That the store has some of them
+already changes nothing: what is decided on the way depends on the kept seconds, not on when they were taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import analysis, plan
+from .analysis import Level
+from .plan import DEFAULT, ENGINES, LEVEL_FACTOR, VARIANTS, Cost, Job, Settings, Variant
+from .reference import Reference, make_reference
+from .runs import Render, Store
+
+SHORTEST_PROBE = 0.2  # seconds of rendering that tell what a sample costs
+NOISY_ENOUGH = 0.02  # a relMSE that one sees in a picture
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What the pilot found for one variant of Cycles."""
+
+    variant: Variant
+    samples: int
+    error: float  # relMSE, mean over the seeds
+    seconds: float  # of sampling, median
+
+    @property
+    def cost(self) -> float:
+        """Time x error: what doesn't change with the samples, as long as the error falls like 1 / samples."""
+        return self.seconds * max(self.error, 0.0)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture for the page."""
+
+    engine: str
+    samples: int
+    render: Render
+    error: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    settings: Settings
+    reference: Reference
+    trials: list[Trial]  # none when Cycles isn't measured
+    variant: Variant
+    levels: dict[str, list[Level]]  # of each engine, fewest samples first
+    shots: list[Shot]  # one of each engine, about equal in time
+    exposure: float  # the file's, in stops
+    osl: bool  # Cycles shades with Open Shading Language, which is slower: the file has Phong surfaces
+
+
+class Campaign:
+    """The renders of one scene. progress(what runs now, seconds spent) is called before each render."""
+
+    def __init__(self, settings: Settings, store: Store, progress: Callable[[str, float], None]) -> None:
+        self.settings, self.store, self.progress = settings, store, progress
+
+    def render(self, job: Job) -> Render:
+        what = f"{job.purpose}, {job.samples} samples, {job.engine.capitalize()} {job.index + 1}"
+        self.progress(what, self.store.spent)
+        return self.store(job)
+
+    def renders(self, purpose: str, samples: int, engines: tuple[str, ...], seeds: int, variant: Variant):
+        """Each engine's renders, made in turn."""
+        found: dict[str, list[Render]] = {engine: [] for engine in engines}
+        for index, engine in plan.in_turn(engines, seeds):
+            found[engine].append(self.render(plan.job(purpose, engine, samples, index, variant, engines)))
+        return found
+
+    def measure(self) -> Outcome:
+        costs = {engine: self.probe(engine) for engine in ENGINES}
+        samples = plan.reference_samples(costs, self.settings.budget)
+        long = {engine: self.reference_renders(engine, samples) for engine in ENGINES}
+        reference = make_reference(stack(long["LOBE"]), stack(long["CYCLES"]), samples)
+        trials = self.pilot(costs["CYCLES"], reference) if "CYCLES" in self.settings.engines else []
+        variant = min(trials, key=lambda trial: trial.cost).variant if trials else DEFAULT
+        renders = self.levels(costs, variant)
+        levels = {
+            engine: [analysis.level(n, runs, reference) for n, runs in by_samples.items()]
+            for engine, by_samples in renders.items()
+        }
+        shots = self.shots(renders, levels, reference)
+        report = long["CYCLES"][0].report
+        return Outcome(self.settings, reference, trials, variant, levels, shots, report["exposure"], report["osl"])
+
+    def probe(self, engine: str) -> Cost:
+        """What a render of the engine costs: one sample, and as many as take a time worth measuring."""
+        few = self.render(plan.job("probe", engine, 1, 0))
+        samples, many = 1, few
+        while samples < 16 or (many.total - few.total < SHORTEST_PROBE and samples < 4096):
+            samples *= LEVEL_FACTOR
+            many = self.render(plan.job("probe", engine, samples, 0))
+        return plan.cost((1, few.total), (samples, many.total))
+
+    def reference_renders(self, engine: str, samples: int) -> list[Render]:
+        """Not timed, so the engines needn't take turns, and a change in Lobe leaves Cycles' renders as they are."""
+        return [self.render(plan.job("reference", engine, samples, index)) for index in range(plan.REFERENCE_SEEDS)]
+
+    def pilot(self, cost: Cost, reference: Reference) -> list[Trial]:
+        """Which of Cycles' variants has the least time x error on this scene."""
+        samples = plan.pilot_samples(cost, self.settings.budget)
+        found: dict[Variant, list[Render]] = {variant: [] for variant in VARIANTS}
+        for index in range(plan.PILOT_SEEDS):
+            for variant in VARIANTS:
+                found[variant].append(self.render(plan.job("pilot", "CYCLES", samples, index, variant)))
+        return [
+            Trial(
+                variant,
+                samples,
+                float(np.mean([reference.errors(render.picture)[0] for render in runs])),
+                float(np.median([render.sampling or render.total for render in runs])),
+            )
+            for variant, runs in found.items()
+        ]
+
+    def levels(self, costs: dict[str, Cost], variant: Variant) -> dict[str, dict[int, list[Render]]]:
+        """Renders of each engine by samples: whole levels, as many as the budget holds."""
+        engines, seeds = self.settings.engines, self.settings.seeds
+        found: dict[str, dict[int, list[Render]]] = {engine: {} for engine in engines}
+        estimate = seeds * sum(costs[engine].seconds(1) for engine in engines)
+        level = 0
+        while plan.next_level_fits(level, estimate, self.settings.budget - self.store.spent):
+            samples = LEVEL_FACTOR**level
+            runs = self.renders("level", samples, engines, seeds, variant)
+            for engine in engines:
+                found[engine][samples] = runs[engine]
+            estimate = seeds * sum(next_level_seconds(runs[engine]) for engine in engines)
+            level += 1
+        return found
+
+    def shots(self, renders: dict, levels: dict[str, list[Level]], reference: Reference) -> list[Shot]:
+        """A picture of each engine, of the time that the last of them takes to a level of visible noise."""
+        slow = self.settings.engines[-1]
+        level = visible_level(levels)
+        picked = [Shot(slow, level.samples, renders[slow][level.samples][0], float(level.whole[0]))]
+        if len(self.settings.engines) > 1:
+            fast = self.settings.engines[0]
+            samples = samples_in_time(levels[fast], picked[0].render.total)
+            render = self.render(plan.job("picture", fast, samples, 0))
+            picked.insert(0, Shot(fast, samples, render, reference.errors(render.picture)[0]))
+        return picked
+
+
+def stack(renders: Iterable[Render]) -> np.ndarray:
+    return np.stack([render.picture for render in renders])
+
+
+def next_level_seconds(renders: list[Render]) -> float:
+    """Of one render with LEVEL_FACTOR times the samples of these."""
+    fixed = np.median([render.total - render.sampling for render in renders])
+    return float(fixed + LEVEL_FACTOR * np.median([render.sampling for render in renders]))
+
+
+def visible_level(levels: dict[str, list[Level]]) -> Level:
+    """Of the last engine: the level of most samples whose noise one sees, and in whose time the first renders too."""
+    first, last = (list(levels.values())[i] for i in (0, -1))
+    least = float(np.median(first[0].total))
+    enough = [lv for lv in last if float(np.median(lv.total)) >= least] or last[-1:]
+    return ([lv for lv in enough if lv.error >= NOISY_ENOUGH] or enough[:1])[-1]
+
+
+def samples_in_time(levels: list[Level], seconds: float) -> int:
+    """About how many samples the engine takes in that time, at least 1: straight between levels."""
+    totals = np.maximum.accumulate([float(np.median(lv.total)) for lv in levels])
+    samples = [lv.samples for lv in levels]
+    if seconds > totals[-1]:
+        return round(samples[-1] * seconds / totals[-1])
+    return max(1, round(float(np.interp(seconds, totals, samples))))

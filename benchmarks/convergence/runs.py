@@ -1,0 +1,153 @@
+"""Rendering jobs inside Blender, and the store that keeps every finished render.
+
+A render's file lies under everything that it depends on: scene file, resolution, threads, engine, variant, samples,
+seed and code. So a run that was interrupted finds what it has done, and a change of the engine is noticed. Times are
+those of the machine and the minute in which they were taken: what is timed in turn is kept and forgotten together.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools import lobe_blender
+
+from .. import common
+from ..common import br
+from .plan import Job, Settings, Variant
+
+
+@dataclass(frozen=True)
+class Render:
+    """picture: (h, w, 3) float32, scene-linear, row 0 at the top. report: as tools/render.py prints it, and more."""
+
+    picture: np.ndarray
+    report: dict
+
+    @property
+    def total(self) -> float:
+        """Seconds, from pressing F12 to the end."""
+        return self.report["seconds"]["total"]
+
+    @property
+    def sampling(self) -> float:
+        """Seconds; of Cycles in hundredths."""
+        return self.report["seconds"]["render"] or 0.0
+
+    @property
+    def start(self) -> float:
+        """Seconds that no phase accounts for: Blender's own preparations, and taking the picture over."""
+        named = (value for phase, value in self.report["seconds"].items() if phase != "total")
+        return max(self.total - sum(value or 0.0 for value in named), 0.0)
+
+
+class BlenderRenderer:
+    """Renders jobs of one scene file. Opens it at the first, and warms up each engine and variant that it meets."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.scene: Any = None  # Blender's
+        self.warm: set[tuple[str, Variant | None]] = set()
+
+    def __call__(self, job: Job) -> Render:
+        if self.scene is None:
+            self.scene = common.prepare(self.settings.scene, self.settings.resolution, self.settings.threads)
+        if (job.engine, job.variant) not in self.warm:  # compilation, caches, pages
+            self._render(job, samples=1, seed=0)
+            self.warm.add((job.engine, job.variant))
+        return self._render(job, job.samples, job.seed)
+
+    def _render(self, job: Job, samples: int, seed: int) -> Render:
+        scene = self.scene
+        scene.lobe.samples, scene.lobe.seed, scene.lobe.road = samples, seed, "COMPILED"
+        br.set_engine(scene, job.engine)
+        if job.variant is not None:  # after the fair settings, which turn guiding off
+            scene.cycles.use_light_tree = job.variant.light_tree
+            scene.cycles.use_guiding = scene.cycles.use_surface_guiding = job.variant.guiding
+        report = br.render(scene)
+        picture = br.picture(scene, report)[..., :3]
+        report["exposure"] = scene.view_settings.exposure
+        report["osl"] = job.engine == "CYCLES" and bool(scene.cycles.shading_system)
+        return Render(picture, report)
+
+
+class Store:
+    """Gives the render of a job: the one on the disk, or else a new one, which it keeps.
+
+    spent: seconds of all renders given, new or kept, so that a run that resumes has the budget of one that didn't stop
+    """
+
+    def __init__(
+        self, folder: Path, settings: Settings, renderer: Callable[[Job], Render], codes: dict[str, str]
+    ) -> None:
+        self.renderer = renderer
+        self.codes = codes  # see `fingerprints`
+        self.folder = scene_folder(folder, settings.scene) / "{}x{}-threads{}".format(
+            *settings.resolution, settings.threads
+        )
+        self.spent = 0.0
+        self.rendered = self.found = 0
+
+    def path(self, job: Job) -> Path:
+        code = digest("".join(self.codes[engine] for engine in job.beside or (job.engine,)))
+        kind = "-".join(filter(None, (job.purpose, job.engine.lower(), job.variant.slug if job.variant else "", code)))
+        return self.folder / kind / f"{job.samples:08d}-seed{job.seed}.npz"
+
+    def __call__(self, job: Job) -> Render:
+        path = self.path(job)
+        if path.is_file():
+            render = load(path)
+            self.found += 1
+        else:
+            render = self.renderer(job)
+            save(path, render)
+            self.rendered += 1
+        self.spent += render.total
+        return render
+
+
+def save(path: Path, render: Render) -> None:
+    """Under another name first: a file with the right name is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, picture=render.picture, report=np.array(json.dumps(render.report)))
+    partial.replace(path)
+
+
+def load(path: Path) -> Render:
+    with np.load(path) as data:
+        return Render(data["picture"], json.loads(str(data["report"])))
+
+
+def scene_folder(folder: Path, scene: Path) -> Path:
+    """Where the store keeps the renders of a scene file with these very contents."""
+    if not scene.is_file():
+        raise br.ToolError(
+            f"{str(scene)!r} does not exist: expected a .blend file, or one of {', '.join(common.SCENES)}"
+        )
+    return folder / f"{scene.stem}-{digest(scene.read_bytes())}"
+
+
+def forget(folder: Path, scene: Path) -> None:
+    shutil.rmtree(scene_folder(folder, scene), ignore_errors=True)
+
+
+def fingerprints() -> dict[str, str]:
+    """What an engine's renders depend on besides the job: for Lobe its code, for Cycles what the tools set in it."""
+    lobe = b"".join(path.read_bytes() for path in lobe_blender.product_files())
+    peer = Path(br.cycles_peer.__file__).read_bytes()
+    version = lobe_blender.blender_version()
+    return {"LOBE": digest(version.encode() + lobe), "CYCLES": digest(version.encode() + peer)}
+
+
+def digest(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:10]

@@ -1,0 +1,163 @@
+"""The rows of the two tables: `convergence`, one a scene, engine and level, and `equal_error`, one a scene.
+
+Seconds are there to see where time goes, on the machine of that run. What may be said of the engines are the ratios:
+of times taken in turn, with their 95 % intervals.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from .. import common
+from . import analysis
+from .analysis import PHASES, Level
+from .campaign import Outcome
+from .plan import ENGINES, VARIANTS
+
+GEOMETRIC_MEAN = "geometric mean"
+RATIO = "time to equal error, Cycles / Lobe"
+SAMPLING_RATIO = "the same, sampling alone"
+LOWEST_RATIO = "the same, at the lowest error"
+TRIMMED_RATIO = "the same, trimmed errors"
+INTERVAL = ": 95 % interval"
+
+CONVERGENCE_NOTE = """\
+relMSE has the noise of the reference taken off; a star under "near it" marks one below 5 times that noise. "±" is the
+standard error over the seeds; "bias" the unbiased squared bias against the reference, on the scale of relMSE. Seconds
+are medians of warm renders on one machine, and only there to see where time goes: they are no claim. The ratios of
+times taken in turn are in [equal_error.md](equal_error.md). What Cycles doesn't tell is empty; its "export" holds its
+whole synchronisation, its "sampling" what it prepares on the device, in hundredths of a second.
+
+"""
+EQUAL_ERROR_NOTE = """\
+All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
+1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
+seeds. "OSL": Cycles shades the Phong surfaces of the scene with Open Shading Language, which slows it.
+
+"""
+
+
+def write(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, str]]:
+    """Put the outcomes into both tables; gives back all rows of `equal_error` with the geometric mean."""
+    levels = [row for outcome in outcomes for row in level_rows(outcome)]
+    common.update_table("convergence", ("scene", "engine"), levels, folder=folder, note=CONVERGENCE_NOTE)
+    scenes = [scene_row(outcome) for outcome in outcomes if len(outcome.settings.engines) == len(ENGINES)]
+    if not scenes:
+        return []
+    common.update_table("equal_error", ("scene",), scenes, folder=folder, note=EQUAL_ERROR_NOTE, summary=summary)
+    return common.read_table("equal_error", folder)
+
+
+def level_rows(outcome: Outcome) -> list[dict[str, str]]:
+    return [level_row(outcome, engine, level) for engine, levels in outcome.levels.items() for level in levels]
+
+
+def level_row(outcome: Outcome, engine: str, level: Level) -> dict[str, str]:
+    settings = outcome.settings
+    difference, half_width = level.mean_difference
+    row = {
+        "scene": settings.scene.stem,
+        "engine": common.engine_label(engine),
+        "settings": str(outcome.variant) if engine == "CYCLES" else "",
+        "resolution": "{}x{}".format(*settings.resolution),
+        "threads": str(settings.threads),
+        "seeds": str(settings.seeds),
+        "samples": str(level.samples),
+        "relMSE": f"{level.error:.3e}",
+        "relMSE ±": f"{analysis.standard_error(level.whole):.1e}",
+        "trimmed 0.1 %": f"{level.trimmed.mean():.3e}",
+        "trimmed ±": f"{analysis.standard_error(level.trimmed):.1e}",
+        "noise of the reference": f"{level.reference_noise:.1e}",
+        "near it": "*" if level.marked else "",
+        "bias": f"{level.squared_bias:+.1e}",
+        "difference of means": f"{difference:+.3%} ± {half_width:.3%}",
+        "FLIP": f"{level.flip:.4f}",
+    }
+    for phase in PHASES:
+        seconds = level.phases[phase]
+        row[f"{'sampling' if phase == 'render' else phase}, s"] = "" if seconds is None else f"{seconds:.4f}"
+    return row
+
+
+def scene_row(outcome: Outcome) -> dict[str, str]:
+    settings, found = outcome.settings, outcome.reference.comparison
+    lobe, cycles = outcome.levels["LOBE"], outcome.levels["CYCLES"]
+    total, sampling, trimmed = (
+        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(cycles, *kind))
+        for kind in (("total", "whole"), ("sampling", "whole"), ("total", "trimmed"))
+    )
+    slopes = {"Lobe": analysis.slopes(lobe), "Cycles": analysis.slopes(cycles)}
+    ratios = {
+        RATIO: total.mean,
+        SAMPLING_RATIO: sampling.mean,
+        LOWEST_RATIO: total.at_lowest,
+        TRIMMED_RATIO: trimmed.mean,
+    }
+    return {
+        "scene": settings.scene.stem,
+        "resolution": "{}x{}".format(*settings.resolution),
+        "threads": str(settings.threads),
+        "seeds": str(settings.seeds),
+        "samples, up to": str(lobe[-1].samples),
+        **{key: text for name, ratio in ratios.items() for key, text in ratio_columns(name, ratio).items()},
+        "relMSE, from": number(total.errors[0], ".1e"),
+        "relMSE, to": number(total.errors[1], ".1e"),
+        **{
+            f"slope over {over}: {engine}": number(slopes[engine][i], ".2f")
+            for i, over in enumerate(("samples", "time"))
+            for engine in slopes
+        },
+        "Cycles' settings": str(outcome.variant) + (", OSL" if outcome.osl else ""),
+        "pilot: time x error to the best": pilot(outcome),
+        "engines' pictures": f"{outcome.reference.verdict}: {found.mean_difference:+.2%} ± {found.mean_half_width:.2%}",
+        "noise of the reference": f"{outcome.reference.noise:.1e}",
+    }
+
+
+def ratio_columns(name: str, ratio: tuple[float, float, float]) -> dict[str, str]:
+    median, low, high = ratio
+    interval = f"{low:.2f} to {high:.2f}" if math.isfinite(median) else ""
+    return {name: number(median, ".2f"), name + INTERVAL: interval}
+
+
+def number(value: float, form: str) -> str:
+    """Empty for what could not be found: too few levels, or errors that only one engine reaches."""
+    return format(value, form) if math.isfinite(value) else ""
+
+
+def pilot(outcome: Outcome) -> str:
+    """Every variant's time x error over the best one's."""
+    best = min(trial.cost for trial in outcome.trials) or math.nan
+    costs = {trial.variant: trial.cost for trial in outcome.trials}
+    return "; ".join(f"{variant}: {costs[variant] / best:.2f}" for variant in VARIANTS)
+
+
+def summary(rows: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """The last row: geometric means over the scenes of the table that have the ratio, intervals from theirs."""
+    row = dict.fromkeys(rows[0], "") | {"scene": f"{GEOMETRIC_MEAN} of {len(rows)}"}
+    for name in (RATIO, SAMPLING_RATIO, LOWEST_RATIO, TRIMMED_RATIO):
+        ratios = [(float(r[name]), *map(float, r[name + INTERVAL].split(" to "))) for r in rows if r[name]]
+        if ratios:
+            row |= ratio_columns(name, analysis.geometric_mean(ratios))  # type: ignore[arg-type]
+    return row
+
+
+def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """What the README quotes of `equal_error`: a row for each scene, ratios with their intervals."""
+
+    def with_interval(row: Mapping[str, str], name: str) -> str:
+        return f"{row[name]} ({row[name + INTERVAL]})" if row[name] else "too few levels"
+
+    return [
+        {
+            "scene": row["scene"],
+            RATIO: with_interval(row, RATIO),
+            LOWEST_RATIO: with_interval(row, LOWEST_RATIO),
+            SAMPLING_RATIO: with_interval(row, SAMPLING_RATIO),
+            "Cycles' settings": row["Cycles' settings"],
+            "engines' pictures": row["engines' pictures"],
+        }
+        for row in rows
+    ]

@@ -1,0 +1,160 @@
+"""The benchmark's figures on made-up renders whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.convergence import analysis, plan
+from benchmarks.convergence.analysis import Curve
+from benchmarks.convergence.reference import make_reference
+from benchmarks.convergence.runs import Render
+
+SHAPE = (24, 32, 3)
+SEEDS = 8
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+def render(picture, total=1.0, **phases) -> Render:
+    return Render(picture.astype(np.float32), {"seconds": {"total": total, "export": None, "build": None,
+                                                           "compile": None, "render": None, **phases}})  # fmt: skip
+
+
+def noisy(rng, truth, spread, seeds=SEEDS):
+    return truth + rng.normal(0.0, spread, (seeds, *SHAPE))
+
+
+def power_law(rng, factor, seconds, slope=-1.0, levels=6, spread=0.0, fixed=0.0) -> Curve:
+    """errors factor * samples^slope, seconds fixed + seconds * samples, both with a relative spread between seeds."""
+    samples = 4.0 ** np.arange(levels)[:, None]
+    wobble = rng.lognormal(0.0, spread, (2, levels, SEEDS)) if spread else np.ones((2, levels, SEEDS))
+    return Curve(factor * samples**slope * wobble[0], (fixed + seconds * samples) * wobble[1])
+
+
+def test_ratio_of_two_power_laws(rng):
+    """Twice the error at the same samples is twice the samples; times thrice the time each."""
+    found = analysis.time_ratio(power_law(rng, 1.0, 0.01), power_law(rng, 2.0, 0.03))
+    assert found.mean == pytest.approx((6.0, 6.0, 6.0))
+    assert found.at_lowest == pytest.approx((6.0, 6.0, 6.0))
+    assert found.errors == pytest.approx((2.0 / 4**5, 1.0))
+
+
+def test_swapped_engines_give_the_inverse(rng):
+    a, b = power_law(rng, 1.0, 0.01, spread=0.1), power_law(rng, 2.0, 0.03, spread=0.1)
+    there, back = analysis.time_ratio(a, b).mean, analysis.time_ratio(b, a).mean
+    assert back == pytest.approx((1 / there[0], 1 / there[2], 1 / there[1]))
+
+
+def test_fixed_costs_count_less_at_the_lowest_error(rng):
+    """An engine with nothing but a longer start: its ratio falls to that of the samples."""
+    found = analysis.time_ratio(power_law(rng, 1.0, 0.01), power_law(rng, 1.0, 0.01, fixed=1.0))
+    assert found.mean[0] > 5.0
+    assert found.at_lowest[0] == pytest.approx((1.0 + 0.01 * 4**5) / (0.01 * 4**5))
+
+
+def test_interval_covers_the_truth_about_as_often_as_it_says(rng, monkeypatch):
+    """Of eight seeds a percentile bootstrap is some points short of 95 %."""
+    monkeypatch.setattr(analysis, "BOOTSTRAP_RUNS", 100)
+    hits = 0
+    for trial in range(80):
+        lobe, cycles = (power_law(rng, f, 0.01, levels=4, spread=0.3) for f in (1.0, 3.0))
+        _, low, high = analysis.time_ratio(lobe, cycles, seed=trial).mean
+        hits += low < 3.0 < high
+    assert 0.8 < hits / 80 < 0.99
+
+
+def test_no_ratio_without_errors_that_both_reach(rng):
+    found = analysis.time_ratio(power_law(rng, 1e-6, 0.01), power_law(rng, 1.0, 0.01, levels=2))
+    assert np.isnan(found.mean).all()
+    assert np.isnan(found.errors).all()
+
+
+def test_a_level_that_is_no_better_is_left_out(rng):
+    lobe, cycles = power_law(rng, 1.0, 0.01), power_law(rng, 1.0, 0.02)
+    lobe.errors[3] = lobe.errors[2]
+    assert analysis.time_ratio(lobe, cycles).mean[0] == pytest.approx(2.0)
+
+
+def test_pairs_are_drawn_together(rng):
+    """A slow minute that hits both engines of a pair takes nothing from the ratio's certainty."""
+    lobe, cycles = power_law(rng, 1.0, 0.01), power_law(rng, 1.0, 0.02)
+    slow = rng.lognormal(0.0, 0.5, SEEDS)
+    found = analysis.time_ratio(Curve(lobe.errors, lobe.seconds * slow), Curve(cycles.errors, cycles.seconds * slow))
+    assert found.mean == pytest.approx((2.0, 2.0, 2.0))
+
+
+def test_slope():
+    assert analysis.slope([1, 4, 16], [2.0, 2.0 / 8, 2.0 / 64]) == pytest.approx(-1.5)
+    assert np.isnan(analysis.slope([1], [1.0]))
+
+
+def test_geometric_mean():
+    assert analysis.geometric_mean([(2.0, 1.0, 4.0), (8.0, 8.0, 8.0)]) == pytest.approx((4.0, 4.0 / 2**0.5, 4 * 2**0.5))
+
+
+def test_the_noise_of_the_reference_is_taken_off(rng):
+    """An error as large as the reference's own noise is found, whole and trimmed, where a plain relMSE shows double."""
+    truth = rng.uniform(0.5, 2.0, SHAPE)
+    reference = make_reference(noisy(rng, truth, 0.1), noisy(rng, truth, 0.1), 1)
+    spread = 0.1 / np.sqrt(2 * SEEDS)  # that of the reference
+    plain = float((spread**2 / (truth**2 + 0.01)).mean())
+    assert reference.noise == pytest.approx(plain, rel=0.1)
+    found = np.array([reference.errors(picture) for picture in noisy(rng, truth, spread, 32)]).mean(axis=0)
+    assert found[0] == pytest.approx(plain, rel=0.15)
+    assert 0.5 * plain < found[1] <= found[0]
+    assert np.mean([reference.errors(p)[0] for p in noisy(rng, truth, 0.0, 1)]) == pytest.approx(0.0, abs=0.15 * plain)
+
+
+def test_engines_that_differ_are_told(rng):
+    truth = np.ones(SHAPE)
+    assert make_reference(noisy(rng, truth, 0.1), noisy(rng, truth, 0.1), 1).verdict == "agree"
+    assert make_reference(noisy(rng, truth, 0.1), noisy(rng, truth * 1.01, 0.1), 1).verdict == "DIFFER"
+
+
+def test_a_level_says_what_it_can(rng):
+    truth = rng.uniform(0.5, 1.0, SHAPE)
+    reference = make_reference(noisy(rng, truth, 0.01), noisy(rng, truth, 0.01), 1)
+    runs = [render(p, 2.0 + 0.1 * i, render=1.5, export=0.3) for i, p in enumerate(noisy(rng, truth * 1.1, 0.05))]
+    level = analysis.level(4, runs, reference)
+    assert level.mean_difference[0] == pytest.approx(0.1, rel=0.02)
+    assert level.squared_bias == pytest.approx(0.01, rel=0.1)  # the truth is far above the epsilon
+    assert level.error == pytest.approx(level.squared_bias + 0.05**2 * np.mean(1 / (truth**2 + 0.01)), rel=0.1)
+    assert level.phases["start"] == pytest.approx(0.55)  # the medians' seeds: total - 1.8
+    assert level.phases["build"] is None
+    assert 0.0 < level.flip < 1.0
+    assert level.usable and not level.marked
+
+
+def test_flip_knows_alike_from_different(rng):
+    picture = rng.uniform(0.0, 2.0, SHAPE)
+    assert analysis.flip(picture, picture) == pytest.approx(0.0, abs=1e-6)
+    assert analysis.flip(np.zeros(SHAPE), picture) > 0.3
+
+
+def test_plan_takes_turns():
+    assert list(plan.in_turn(("LOBE", "CYCLES"), 3)) == [(0, "LOBE"), (0, "CYCLES"), (1, "CYCLES"), (1, "LOBE"),
+                                                         (2, "LOBE"), (2, "CYCLES")]  # fmt: skip
+
+
+def test_no_seed_serves_two_purposes():
+    seeds = [plan.job(purpose, engine, 1, index).seed for purpose in plan.FIRST_SEED for engine in plan.ENGINES
+             for index in range(1000)]  # fmt: skip
+    assert len(set(seeds)) == len(seeds)
+
+
+def test_cost_of_a_render():
+    assert plan.cost((1, 1.1), (11, 2.1)) == plan.Cost(pytest.approx(1.0), pytest.approx(0.1))
+    assert plan.cost((1, 2.0), (10, 1.0)).per_sample == pytest.approx(0.01)  # noise: never nothing
+
+
+def test_shares_of_the_budget():
+    costs = {"LOBE": plan.Cost(0.0, 0.01), "CYCLES": plan.Cost(0.0, 0.03)}
+    assert plan.reference_samples(costs, 100.0) == 64  # 0.4 * 100 s / 8 renders of 0.04 s a sample: 125
+    assert plan.pilot_samples(costs["CYCLES"], 100.0) == 16
+    assert plan.next_level_fits(1, 1e9, 0.0)
+    assert plan.next_level_fits(2, 5.0, 5.0)
+    assert not plan.next_level_fits(2, 5.1, 5.0)

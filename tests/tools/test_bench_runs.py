@@ -1,0 +1,195 @@
+"""The benchmark from first to last with a renderer that needs no time: what it asks for, keeps, finds again, writes."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from benchmarks import common
+from benchmarks.convergence import analysis, campaign, page, runs, tables
+from benchmarks.convergence.plan import VARIANTS, Job, Settings, Variant, job
+
+RESOLUTION = (24, 16)
+TRUTH = np.random.default_rng(3).uniform(0.1, 2.0, (16, 24, 3))
+BEST = Variant(light_tree=False)
+CODES = {"LOBE": "l", "CYCLES": "c"}
+
+
+class FakeRenderer:
+    """Lobe: error 1 / samples and 1 ms a sample. Cycles: twice the error, thrice the time; BEST is half as noisy."""
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        self.jobs: list[Job] = []
+        self.stop_after = stop_after
+
+    def __call__(self, job: Job) -> runs.Render:
+        if self.stop_after is not None and len(self.jobs) >= self.stop_after:
+            raise KeyboardInterrupt
+        self.jobs.append(job)
+        factor, cost = (1.0, 1e-3) if job.engine == "LOBE" else (2.0 if job.variant == BEST else 4.0, 3e-3)
+        rng = np.random.default_rng(job.seed)
+        noise = np.sqrt(factor / job.samples * (TRUTH**2 + 0.01)) * rng.normal(size=TRUTH.shape)
+        told = 0.0 if job.engine == "LOBE" else None
+        seconds = {"export": 0.0, "build": told, "compile": told, "render": cost * job.samples}
+        return runs.Render(
+            (TRUTH + noise).astype(np.float32),
+            {"seconds": seconds | {"total": 1e-4 + seconds["render"]}, "exposure": 0.5, "osl": False},
+        )
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.blend"
+    path.write_bytes(b"a scene")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(analysis, "flip", lambda picture, reference: 0.5)
+    monkeypatch.setattr(analysis, "BOOTSTRAP_RUNS", 100)
+
+
+def settings(scene, **changes) -> Settings:
+    return Settings(scene, **{"budget": 60.0, "resolution": RESOLUTION, "seeds": 4, **changes})
+
+
+def measure(tmp_path, chosen: Settings, renderer: FakeRenderer, codes=CODES) -> campaign.Outcome:
+    store = runs.Store(tmp_path / "store", chosen, renderer, codes)
+    return campaign.Campaign(chosen, store, lambda what, spent: None).measure()
+
+
+def test_the_campaign_finds_what_was_put_in(tmp_path, scene):
+    outcome = measure(tmp_path, settings(scene), FakeRenderer())
+    assert outcome.reference.verdict == "agree"
+    assert outcome.variant == BEST
+    assert [trial.variant for trial in outcome.trials] == list(VARIANTS)
+    lobe, cycles = (outcome.levels[engine] for engine in ("LOBE", "CYCLES"))
+    assert [level.samples for level in lobe] == [level.samples for level in cycles] == [4**k for k in range(len(lobe))]
+    assert len(lobe) >= 4
+    assert analysis.slopes(lobe)[0] == pytest.approx(-1.0, abs=0.05)
+    ratio = analysis.time_ratio(analysis.curve(lobe, "sampling"), analysis.curve(cycles, "sampling"))
+    assert ratio.mean[0] == pytest.approx(6.0, rel=0.1)  # twice the samples, three times as long each
+    fast, slow = outcome.shots
+    assert (fast.engine, slow.engine) == ("LOBE", "CYCLES")
+    assert fast.render.total == pytest.approx(slow.render.total, rel=0.3)
+
+
+@pytest.mark.parametrize("budget", [20.0, 40.0, 60.0, 90.0])
+def test_whole_levels_within_the_budget(tmp_path, scene, budget):
+    renderer = FakeRenderer()
+    measure(tmp_path, settings(scene, budget=budget), renderer)
+    spent = sum((1e-3 if job.engine == "LOBE" else 3e-3) * job.samples for job in renderer.jobs)
+    assert 0.5 * budget < spent < 1.01 * budget
+    levels = [(job.engine, job.samples) for job in renderer.jobs if job.purpose == "level"]
+    assert {levels.count(level) for level in levels} == {4}
+
+
+def test_after_an_interruption_nothing_is_rendered_twice(tmp_path, scene):
+    whole = FakeRenderer()
+    expected = measure(tmp_path / "a", settings(scene), whole)
+    first, second = FakeRenderer(stop_after=40), FakeRenderer()
+    with pytest.raises(KeyboardInterrupt):
+        measure(tmp_path / "b", settings(scene), first)
+    found = measure(tmp_path / "b", settings(scene), second)
+    assert first.jobs + second.jobs == whole.jobs
+    np.testing.assert_array_equal(found.levels["LOBE"][-1].whole, expected.levels["LOBE"][-1].whole)
+    again = FakeRenderer()
+    measure(tmp_path / "b", settings(scene), again)
+    assert again.jobs == []
+
+
+def test_new_code_of_lobe_runs_both_engines_levels_again_and_not_cycles_reference(tmp_path, scene):
+    measure(tmp_path, settings(scene), FakeRenderer())
+    again = FakeRenderer()
+    measure(tmp_path, settings(scene), again, CODES | {"LOBE": "new"})
+    done = {(job.purpose, job.engine) for job in again.jobs}
+    assert {("level", "LOBE"), ("level", "CYCLES"), ("reference", "LOBE")} <= done
+    assert not {("reference", "CYCLES"), ("pilot", "CYCLES"), ("probe", "CYCLES")} & done
+
+
+def test_every_part_of_the_key_counts(tmp_path, scene):
+    def path(chosen=None, codes=CODES, **changes):
+        words = {"purpose": "level", "engine": "CYCLES", "samples": 4, "index": 0, "variant": BEST} | changes
+        return runs.Store(tmp_path, chosen or settings(scene), FakeRenderer(), codes).path(job(**words))
+
+    one = path()
+    others = [path(samples=16), path(index=1), path(variant=VARIANTS[0]), path(engine="LOBE"), path(purpose="pilot"),
+              path(settings(scene, resolution=(48, 32))), path(settings(scene, threads=1)),
+              path(codes=CODES | {"CYCLES": "new"})]  # fmt: skip
+    scene.write_bytes(b"another scene")
+    others.append(path())
+    assert len({one, *others}) == 1 + len(others)
+
+
+def test_a_kept_render_is_the_same(tmp_path):
+    render = FakeRenderer()(job("level", "CYCLES", 4, 0))
+    runs.save(tmp_path / "a.npz", render)
+    found = runs.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(found.picture, render.picture)
+    assert found.report == render.report
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_file_that_was_not_finished_is_not_found(tmp_path, scene, monkeypatch):
+    def interrupted(file, **content):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    store = runs.Store(tmp_path / "store", settings(scene), FakeRenderer(), CODES)
+    one = job("level", "LOBE", 4, 0)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(np, "savez_compressed", interrupted)
+        store(one)
+    assert not store.path(one).exists()
+    store(one)
+    assert (store.rendered, store.found) == (1, 0)
+
+
+def test_forget(tmp_path, scene):
+    measure(tmp_path, settings(scene), FakeRenderer())
+    runs.forget(tmp_path / "store", scene)
+    again = FakeRenderer()
+    measure(tmp_path, settings(scene), again)
+    assert again.jobs
+
+
+def test_lobe_alone_is_still_measured_against_both(tmp_path, scene):
+    renderer = FakeRenderer()
+    outcome = measure(tmp_path, settings(scene, engines=("LOBE",)), renderer)
+    assert {j.engine for j in renderer.jobs if j.purpose == "reference"} == {"LOBE", "CYCLES"}
+    assert {j.engine for j in renderer.jobs if j.purpose in ("level", "pilot")} == {"LOBE"}
+    assert set(outcome.levels) == {"LOBE"}
+    assert tables.write([outcome], tmp_path / "results") == []
+
+
+def test_tables(tmp_path, scene):
+    outcome = measure(tmp_path, settings(scene), FakeRenderer())
+    rows = tables.write([outcome], tmp_path / "results")
+    assert [row["scene"] for row in rows] == ["scene", "geometric mean of 1"]
+    assert 4.0 < float(rows[0][tables.RATIO]) < 7.0
+    assert rows[1][tables.RATIO] == rows[0][tables.RATIO]
+    assert rows[0]["Cycles' settings"] == "light tree off, guiding off"
+    assert rows == tables.write([outcome], tmp_path / "results")  # again: the same, with one last row
+    levels = common.read_table("convergence", tmp_path / "results")
+    assert len(levels) == len(outcome.levels["LOBE"]) + len(outcome.levels["CYCLES"])
+    assert "ratio" in (tmp_path / "results" / "equal_error.md").read_text().split("|")[0]
+    assert "no claim" in (tmp_path / "results" / "convergence.md").read_text().split("|")[0]
+
+
+def test_the_page_needs_nothing_else_and_keeps_other_scenes(tmp_path, scene):
+    path, sections = tmp_path / "results" / "page.html", tmp_path / "sections"
+    outcome = measure(tmp_path, settings(scene), FakeRenderer())
+    sections.mkdir()
+    (sections / "other.html").write_text("<h2>other</h2>")
+    page.write(path, sections, [outcome], tables.short(tables.write([outcome], tmp_path / "results")))
+    text = path.read_text()
+    sources = re.findall(r'(?:src|href)\s*=\s*"([^"]{0,30})', text)
+    assert len(sources) == 9  # a plot, three pictures, three maps, two legends
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.search(r"https?://|url\(|<script|<link|@import", text)
+    assert "<h2>other</h2>" in text
+    assert path.with_name("page_scene.png").read_bytes().startswith(b"\x89PNG")
+    assert len(text) < 400_000

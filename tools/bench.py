@@ -1,0 +1,186 @@
+"""Error against time: Lobe beside Cycles on the sample scenes or any other, `python tools/bench.py SCENE... | all`.
+
+Renders both engines in turn at 1, 4, 16, ... samples from several seeds, measures their errors against a reference of
+both, and says how many times longer Cycles takes to the same error. `--ceiling` compares Lobe's time with its rays'
+alone. Every finished render is kept in out/bench/:
+after an interruption the same command goes on where it was. The work is done by benchmarks/convergence/; tables,
+plots and the page go to benchmarks/results/, the table for the README to standard output. Exit code 0; 1 when the
+engines' long renders of a scene differ, 2 for what the user can mend, 130 after Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from benchmarks import common  # noqa: E402
+from benchmarks.convergence import plan  # noqa: E402
+from tools import blender_render as br  # noqa: E402
+from tools.lobe_blender import SetupError  # noqa: E402
+from tools.render import resolution, whole_number  # noqa: E402
+
+
+def engine_list(text: str) -> tuple[str, ...]:
+    names = {name.strip().upper() for name in text.split(",")}
+    if not names or not names <= set(plan.ENGINES):
+        raise argparse.ArgumentTypeError(f"{text!r}: choose from {', '.join(plan.ENGINES)}, or both with a comma")
+    return tuple(engine for engine in plan.ENGINES if engine in names)
+
+
+def seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
+    if not 1.0 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text} s does not lie between a second and a million")
+    return value
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="bench.py", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("scenes", nargs="*", default=["all"], metavar="SCENE",
+                        help="sample scenes by name, .blend files, or 'all', the default")  # fmt: skip
+    parser.add_argument("--engines", type=engine_list, default=plan.ENGINES, metavar="LOBE,CYCLES",
+                        help="whose levels are rendered; the reference is always of both")  # fmt: skip
+    parser.add_argument("--budget", type=seconds, default=240.0, metavar="SECONDS",
+                        help="of rendering for each scene, reference included; default: 240")  # fmt: skip
+    parser.add_argument("--resolution", type=resolution, default=(192, 128), metavar="WxH", help="default: 192x128")
+    parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N", help="renders of each level")
+    parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
+    parser.add_argument("--fresh", action="store_true", help="forget the renders of these scenes that are kept")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        default=common.RESULTS,
+        metavar="FOLDER",
+        help="for tables, plots and page; default: benchmarks/results",
+    )
+    parser.add_argument(
+        "--store",
+        type=Path,
+        default=ROOT / "out" / "bench",
+        metavar="FOLDER",
+        help="for finished renders; default: out/bench",
+    )
+    parser.add_argument("--ceiling", action="store_const", dest="question", const=ceiling,
+                        help="another question: how near is a render's time to that of its rays alone?")  # fmt: skip
+    parser.set_defaults(question=convergence)
+    return parser.parse_args(arguments)
+
+
+class CtrlC:
+    """Ctrl-C lets the render end that is running: inside of it Blender would swallow Python's exception and leave half
+    a picture. A second one ends the process where it stands; files in the store are whole or not there."""
+
+    def __init__(self) -> None:
+        self.pressed = False
+        signal.signal(signal.SIGINT, self.press)
+
+    def press(self, *_: object) -> None:
+        if self.pressed:
+            os._exit(130)
+        self.pressed = True
+        print("\nbench.py: stops after this render; Ctrl-C again: at once", file=sys.stderr)
+
+    def check(self) -> None:
+        if self.pressed:
+            raise KeyboardInterrupt
+
+
+def scene_paths(names: list[str]) -> list[Path]:
+    """Each named scene once, in the order given."""
+    expanded = [n for name in names for n in (common.SCENES if name == "all" else (name,))]
+    paths = list(dict.fromkeys(common.scene_path(name) for name in expanded))
+    for path in paths:
+        if not path.is_file():
+            raise br.ToolError(f"{str(path)!r} does not exist: expected a .blend file, all, or one of "
+                               f"{', '.join(common.SCENES)}")  # fmt: skip
+    return paths
+
+
+def convergence(options: argparse.Namespace, say) -> int:
+    """Measure the scenes one after the other, and write what is known after each."""
+    from benchmarks.convergence import page, runs, tables
+
+    paths = scene_paths(options.scenes)
+    outcomes = []
+    for path in paths:
+        if options.fresh:
+            runs.forget(options.store, path)
+    ctrl_c = CtrlC()
+    common.enable_lobe()
+    codes = runs.fingerprints()  # once, of the code that has just been installed
+    for path in paths:
+        outcomes.append(measure(path, options, codes, ctrl_c.check))
+        rows = tables.write(outcomes, options.results)
+        page.write(options.results / "convergence.html", options.store / "sections", outcomes, tables.short(rows))
+    say(common.markdown(tables.short(rows) if rows else [row for o in outcomes for row in tables.level_rows(o)]))
+    differing = [outcome.settings.scene.stem for outcome in outcomes if outcome.reference.verdict != "agree"]
+    if differing:
+        print(f"bench.py: the engines' long renders differ: {', '.join(differing)}", file=sys.stderr)
+    return int(bool(differing))
+
+
+def ceiling(options: argparse.Namespace, say) -> int:
+    """Renders beside their rays, replayed; as many pairs as there are seeds."""
+    from benchmarks import ceiling
+
+    paths = scene_paths(options.scenes)
+    common.enable_lobe()
+    say(
+        ceiling.table(
+            [str(path) for path in paths], options.resolution, options.threads, options.seeds, options.results
+        )
+    )
+    return 0
+
+
+def measure(path: Path, options: argparse.Namespace, codes: dict[str, str], check: Callable[[], None]):
+    """One scene, with a bar of the seconds of the budget that are spent. Gives back its Outcome.
+
+    check: called between renders; raises to stop.
+    """
+    from tqdm import tqdm
+
+    from benchmarks.convergence import campaign, runs
+
+    settings = plan.Settings(path, options.engines, options.budget, options.resolution, options.seeds, options.threads)
+    store = runs.Store(options.store, settings, runs.BlenderRenderer(settings), codes)
+    form = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f}/{total:.0f} s{postfix}"
+    with tqdm(total=options.budget, desc=path.stem, bar_format=form, file=sys.stderr) as bar:
+
+        def progress(what: str, spent: float) -> None:
+            bar.set_postfix_str(what, refresh=False)
+            bar.n = min(spent, options.budget)
+            bar.refresh()
+            check()
+
+        outcome = campaign.Campaign(settings, store, progress).measure()
+        bar.set_postfix_str(f"{store.rendered} renders, {store.found} kept from before")
+    return outcome
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse(arguments)
+    with br.quiet_stdout() as say:
+        try:
+            return options.question(options, say)
+        except (br.ToolError, SetupError) as error:
+            print(f"bench.py: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print("bench.py: interrupted; the same command goes on from here", file=sys.stderr)
+            return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
