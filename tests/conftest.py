@@ -10,6 +10,30 @@ from tables import Tables
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 TABLES = pytest.StashKey[Tables]()
+FIGURE = "worked claim"
+
+
+class Claims:
+    """The lines of `figure`, in the order of the tests. With `pytest -n` it is the controller that gets the reports and
+    has a terminal, while fixtures run in workers: reports carry the lines across."""
+
+    def __init__(self) -> None:
+        self.lines: dict[str, list[str]] = {}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call":
+            self.lines[report.nodeid] = [str(line) for name, line in report.user_properties if name == FIGURE]
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        lines = [line for test in self.lines.values() for line in test]
+        if lines:
+            terminalreporter.section("worked claims")
+        for line in lines:
+            terminalreporter.line(line)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(Claims())
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +45,12 @@ def repository() -> Path:
 def record(request: pytest.FixtureRequest) -> Callable[[str, tuple[str, ...], dict], None]:
     """`record(table, keys, row)` leaves a row for benchmarks/results/`table`.csv and .md; for long tests."""
     return request.config.stash.setdefault(TABLES, Tables()).record
+
+
+@pytest.fixture
+def figure(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Call it with a line for the worked claims at the end of the run, which are printed whether they held or not."""
+    return lambda line: request.node.user_properties.append((FIGURE, line))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

@@ -33,19 +33,29 @@ def table() -> np.ndarray:
     return np.array(json.loads(ALBEDO_TABLE.read_text())["rows"], float)
 
 
-def test_phong_albedo_approximation():
-    """Within 1.2 % of the table, exact at normal incidence, and never outside [0, 1]."""
+def assert_albedo_is_near_the_table(factor: float = 1.0) -> None:
+    """With every exponent times `factor`."""
     rows = table()
     out = np.empty(len(rows), np.float32)
-    albedos(rows[:, 0].astype(np.float32), np.cos(np.radians(rows[:, 1])).astype(np.float32), out)
+    albedos((rows[:, 0] * factor).astype(np.float32), np.cos(np.radians(rows[:, 1])).astype(np.float32), out)
     assert np.abs(out / rows[:, 2] - 1).max() < 0.012
     assert out[rows[:, 1] == 0] == pytest.approx(1, abs=1e-6)
 
+
+def test_phong_albedo_approximation():
+    """Within 1.2 % of the table, exact at normal incidence, and never outside [0, 1]."""
+    assert_albedo_is_near_the_table()
     exponent, cosine = (a.ravel() for a in np.meshgrid(10.0 ** np.linspace(-3, 8, 100), np.linspace(0, 1, 100)))
     out = np.empty(len(exponent), np.float32)
     albedos(exponent.astype(np.float32), cosine.astype(np.float32), out)
     assert out.min() > 0
     assert out.max() <= 1 + 1e-6
+
+
+def test_the_albedo_of_another_exponent_is_caught():
+    for factor in (0.97, 1.03):
+        with pytest.raises(AssertionError):
+            assert_albedo_is_near_the_table(factor)
 
 
 def test_albedo_selection_has_less_error_at_grazing_angles():
@@ -73,14 +83,18 @@ def test_lobe_probabilities():
     assert 0 < phong_probability(bsdf.ALBEDO, half, half, f32(10), f32(-0.3)) < 0.5
 
 
+def sines(u: np.ndarray, exponent: float) -> np.ndarray:
+    """Of the angles to R that a lobe has to be drawn at by random numbers u, float64."""
+    return np.sqrt(-np.expm1(2 * np.log(u[:, 1].astype(float)) / (exponent + 1)))
+
+
 @pytest.mark.parametrize("exponent", [1e3, 1e5, 1e6, 1e8])
 def test_sharp_lobes_keep_their_width(exponent):
     """The sine of the angle to R, against float64: about the rounding of a direction's components."""
     u = chi2.uniforms(10_000, 3)
     case = Surface(ks=1, exponent=exponent, p_phong=1)
     wi, _, pdf, _ = case.sample(u)
-    sine = np.hypot(wi[:, 0], wi[:, 1])
-    expected = np.sqrt(-np.expm1(2 * np.log(u[:, 1].astype(float)) / (exponent + 1)))
+    sine, expected = np.hypot(wi[:, 0], wi[:, 1]), sines(u, exponent)
     assert sine == pytest.approx(expected, rel=1e-5)
     assert (pdf > 0).all()
     # seen from the side, the mirror direction itself is rounded
@@ -88,6 +102,14 @@ def test_sharp_lobes_keep_their_width(exponent):
     case = Surface(ks=1, exponent=exponent, p_phong=1, angle=40)
     sine = np.linalg.norm(np.cross(wi, case.mirror), axis=1)
     assert np.sqrt(np.mean((sine - expected) ** 2)) < 3e-7
+
+
+@pytest.mark.parametrize("exponent", [1e3, 1e5, 1e6, 1e8])
+def test_the_sine_of_a_rounded_cosine_has_another_width(exponent):
+    """What the test of sharp lobes is there for: cos(alpha) = u^(1 / (n + 1)) in float32."""
+    u = chi2.uniforms(10_000, 3)
+    cosine = np.power(u[:, 1], f32(1 / (exponent + 1)))
+    assert np.sqrt(1 - cosine * cosine) != pytest.approx(sines(u, exponent), rel=1e-5)
 
 
 def test_tiny_density_counts_as_zero():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,18 +55,40 @@ def on_window(camera: Camera, points: np.ndarray) -> np.ndarray:
 WINDOW = (-0.9, 1.1, -0.3, 0.7)  # shifted, with pixels that are not square
 
 
+def assert_projects(camera: Camera, told: Camera) -> None:
+    """The rays of `camera` are those of `told` by float64 geometry."""
+    points = places()
+    origin, direction, near, far = rays(camera, points)
+    assert origin == pytest.approx(np.broadcast_to(told.transform[:, 3], origin.shape))
+    assert np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 3e-7
+    local = to_camera(told, direction, direction=True)
+    assert np.abs(local[:, :2] / -local[:, 2:] - on_window(told, points)).max() < 5e-7
+    # The clip planes stand across the axis.
+    assert near * -local[:, 2] == pytest.approx(told.clip_start, rel=1e-6)
+    assert far * -local[:, 2] == pytest.approx(told.clip_end, rel=1e-6)
+
+
 @pytest.mark.parametrize("scale", [(1, 1, 1), (2, 0.5, 7), (1, 1, -1)])
 def test_perspective(scale):
     camera = Camera(transform=placed(scale), window=WINDOW, clip_start=0.25, clip_end=80)
-    points = places()
-    origin, direction, near, far = rays(camera, points)
-    assert origin == pytest.approx(np.broadcast_to(camera.transform[:, 3], origin.shape))
-    assert np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 3e-7
-    local = to_camera(camera, direction, direction=True)
-    assert np.abs(local[:, :2] / -local[:, 2:] - on_window(camera, points)).max() < 5e-7
-    # The clip planes stand across the axis.
-    assert near * -local[:, 2] == pytest.approx(0.25, rel=1e-6)
-    assert far * -local[:, 2] == pytest.approx(80, rel=1e-6)
+    assert_projects(camera, camera)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"window": (-0.899999, 1.1, -0.3, 0.7)},
+        {"clip_start": 0.250001},
+        {"clip_end": 80.0001},
+        {"transform": placed((1, 1, -1))},
+        {"transform": placed() + 1e-5},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_another_projection_is_caught(change):
+    camera = Camera(transform=placed(), window=WINDOW, clip_start=0.25, clip_end=80)
+    with pytest.raises(AssertionError):
+        assert_projects(camera, replace(camera, **change))
 
 
 def test_row_0_is_at_the_bottom():
@@ -100,9 +124,13 @@ def test_all_rays_of_a_pixel_meet_on_the_focal_plane(orthographic):
     point = np.array((37.5, 80.25))
     origin, direction, near, far = rays(camera, np.broadcast_to(point, (500, 2)), u)
     start, along = to_camera(camera, origin), to_camera(camera, direction, direction=True)
-    t = (-6 - start[:, 2]) / along[:, 2]
-    meeting = start + t[:, None] * along
+
+    def meeting_at(distance: float) -> np.ndarray:
+        return start + ((-distance - start[:, 2]) / along[:, 2])[:, None] * along
+
+    meeting = meeting_at(6)
     assert np.ptp(meeting, axis=0).max() < 5e-6
+    assert np.ptp(meeting_at(6.001), axis=0).max() > 2e-5  # a little behind, they don't
     window = on_window(camera, point)
     assert meeting[0] == pytest.approx([*(window * (1 if orthographic else 6)), -6], abs=1e-5)
     lens = start[:, :2] - (window if orthographic else 0)

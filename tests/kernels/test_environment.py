@@ -108,30 +108,57 @@ def random_directions(count: int) -> np.ndarray:
     return np.concatenate([special, d]).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", IMAGES)
-def test_lookup_is_the_bilinear_interpolation_of_the_world(name):
-    image = IMAGES[name]
+def assert_looks_up(stored: np.ndarray, image: np.ndarray) -> None:
+    """Looked up in `stored`, directions show `image`."""
     d = random_directions(5000)
     out = np.zeros((len(d), 4), np.float32)
-    look_up(build_environment(image), d, out)
+    look_up(build_environment(stored), d, out)
     assert np.allclose(out[:, :3], bilinear(image, d.astype(np.float64)), rtol=1e-4, atol=2e-5 * image.max())
     assert np.all(out[:, 3][out[:, :3].max(axis=1) > 1e-6 * image.max()] > 0), "light that is never sampled"
 
 
 @pytest.mark.parametrize("name", IMAGES)
-def test_sampling_and_looking_up_agree(name):
-    image = IMAGES[name]
-    table = build_environment(image)
+def test_lookup_is_the_bilinear_interpolation_of_the_world(name):
+    assert_looks_up(IMAGES[name], IMAGES[name])
+
+
+RANDOM = IMAGES["random"]
+WRONG = {
+    "one row up": np.roll(RANDOM, 1, axis=0),
+    "mirrored": RANDOM[:, ::-1],
+    "brighter": RANDOM * np.float32(1.001),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_lookup_of_another_image_is_caught(name):
+    with pytest.raises(AssertionError):
+        assert_looks_up(WRONG[name], RANDOM)
+
+
+def assert_samples_are_looked_up(drawn: np.ndarray, image: np.ndarray) -> None:
+    """Samples of one image are worth what a lookup in the other tells."""
     count = 100_000
-    d, radiance, pdf = samples(table, random_numbers(count))
+    d, radiance, pdf = samples(build_environment(drawn), random_numbers(count))
     assert np.all(pdf > 0)
     assert np.allclose(np.linalg.norm(d, axis=1), 1, atol=1e-6)
     again = np.zeros((count, 4), np.float32)
-    look_up(table, d.astype(np.float32), again)
+    look_up(build_environment(image), d.astype(np.float32), again)
     # Relative to the largest: close to the edge of a hot pixel the rounding of d is most of the value.
     scale = radiance.max()
     assert np.allclose(again[:, :3], radiance, rtol=1e-3, atol=1e-3 * scale)
     assert np.mean(np.abs(again[:, 3] - pdf) > 1e-2 * pdf) < 0.02
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_sampling_and_looking_up_agree(name):
+    assert_samples_are_looked_up(IMAGES[name], IMAGES[name])
+
+
+@pytest.mark.parametrize("name", ["one row up", "mirrored"])
+def test_samples_of_another_image_are_caught(name):
+    with pytest.raises(AssertionError):
+        assert_samples_are_looked_up(WRONG[name], RANDOM)
 
 
 @pytest.mark.parametrize("name", IMAGES)

@@ -35,6 +35,7 @@ def test_distribution_function_is_the_integral_of_the_window():
     slope = np.gradient(blackman_harris_cdf(x, 1.5), x)
     window = blackman_harris(x / 3 + 0.5) / 3
     assert slope[1:-1] == pytest.approx(window[1:-1], abs=1e-5)
+    assert slope[1:-1] != pytest.approx(blackman_harris(x / 3.001 + 0.5)[1:-1] / 3.001, abs=1e-5)  # of another width
     assert filter_density("BLACKMAN_HARRIS", 1.5, x) == pytest.approx(window, abs=1e-4)  # 6e-5 at the ends, cut off
     assert filter_density("BOX", 1.5, np.array([-0.6, -0.4, 0.4, 0.6])).tolist() == [0, 1, 1, 0]
     assert blackman_harris_cdf(np.array([-1.5, 0, 1.5]), 1.5) == pytest.approx([0, 0.5, 1], abs=1e-12)
@@ -45,6 +46,7 @@ def test_sampling_inverts_the_distribution_function():
     drawn = offsets("BLACKMAN_HARRIS", 1.5, np.stack([u, u[::-1]], axis=1))
     assert (np.diff(drawn[:, 0]) >= 0).all()
     assert np.abs(blackman_harris_cdf(drawn[:, 0], 1.5) - u).max() < 2e-5
+    assert np.abs(blackman_harris_cdf(drawn[:, 0], 1.5005) - u).max() > 2e-5  # another width is seen
     assert drawn[:, 1] == pytest.approx(drawn[::-1, 0])
 
 

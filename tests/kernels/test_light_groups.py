@@ -91,19 +91,28 @@ def test_the_densities_of_both_ways_are_one():
     """Each sample's group is told by its distance and direction; the seen density has to be that of the sample."""
     suns = [sun(2.0, angle=0.3), sun(1.0, (0.7, 0.2, -0.5), angle=0.2)]
     drawn = Draws(room([*lamps(5, 20.0), *suns], (0.7, 0.6, 0.5)))
+    assert_densities(drawn, suns, 1.0, drawn.shares)
+    # What is told wrongly by 5 %: densities, and shares.
+    for told, shares in ((1.05, drawn.shares), (1.0, drawn.shares * (1.05, 0.95, 0.95))):
+        with pytest.raises(AssertionError):
+            assert_densities(drawn, suns, told, shares)
+
+
+def assert_densities(drawn: Draws, suns: list[SunLight], told: float, shares: np.ndarray) -> None:
+    """`told`: a factor of what rays are told, `shares` of the groups as they are told."""
     far = np.isinf(drawn.t)
     cosines = drawn.wi @ np.array([light.transform[:, 2] for light in suns]).T
     in_disk = (cosines > np.cos([0.15, 0.1])).any(axis=1)
     assert drawn.shares.sum() == pytest.approx(1, rel=1e-6)
     observed = np.array([(~far).sum(), far.sum()])
-    assert_frequencies(observed, np.array([drawn.shares[0], drawn.shares[1:].sum()]) * COUNT)
+    assert_frequencies(observed, np.array([shares[0], shares[1:].sum()]) * COUNT)
     # Directions in a sun's disk may be drawn as that sun or as sky: the pdf is one of the two that rays are told.
     sky = far & ~in_disk
-    assert np.allclose(drawn.pdf[sky], drawn.world_pdf[sky], rtol=1e-2)
+    assert np.allclose(drawn.pdf[sky], told * drawn.world_pdf[sky], rtol=1e-2)
     both = far & in_disk
     assert both.sum() > 1000
-    as_sun = np.isclose(drawn.pdf[both], drawn.sun_pdf[both], rtol=1e-4)
-    as_sky = np.isclose(drawn.pdf[both], drawn.world_pdf[both], rtol=1e-2)
+    as_sun = np.isclose(drawn.pdf[both], told * drawn.sun_pdf[both], rtol=1e-4)
+    as_sky = np.isclose(drawn.pdf[both], told * drawn.world_pdf[both], rtol=1e-2)
     assert np.all(as_sun | as_sky)
     assert as_sun.sum() == pytest.approx(drawn.shares[1] * COUNT, rel=0.05)
     assert drawn.sun_chances.sum() == pytest.approx(1, rel=1e-5)

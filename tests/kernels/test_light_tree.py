@@ -112,26 +112,44 @@ def probabilities(tree, p, n) -> np.ndarray:
     return out.astype(np.float64)
 
 
+DRAWS = 200_000
+
+
+def assert_draws(tree, p, n, u: np.ndarray, told) -> None:
+    """Walks down `tree` choose emitters as often as the tree `told` says."""
+    chosen, rest, probability = np.zeros(DRAWS, np.int32), np.zeros(DRAWS, np.float32), np.zeros(DRAWS, np.float32)
+    draw(tree, vec(p), vec(n), u, chosen, rest, probability)
+    expected = probabilities(told, p, n)
+    found = probability > 0
+    assert np.allclose(probability[found], expected[chosen[found]], rtol=1e-4)
+    counts = np.append(np.bincount(chosen[found], minlength=len(expected)), np.sum(~found))
+    nothing = max(1 - expected.sum(), 0)
+    assert_frequencies(counts, np.append(expected, nothing if nothing > 1e-5 else 0) * DRAWS, 30)
+    assert np.all((rest[found] >= 0) & (rest[found] < 1))
+    if found.sum() > 1000:
+        common = found & (chosen == np.argmax(counts[:-1]))
+        cells = np.bincount((rest[common] * 16).astype(int), minlength=16)
+        assert_frequencies(cells, np.full(16, common.sum() / 16), 30)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 60])
 def test_frequencies_match_probabilities(count):
-    emitters = make_emitters(count)
-    tree = build(emitters)
-    draws = 200_000
-    u = np.random.default_rng(5).random(draws).astype(np.float32)
-    chosen, rest, probability = np.zeros(draws, np.int32), np.zeros(draws, np.float32), np.zeros(draws, np.float32)
+    tree = build(make_emitters(count))
+    u = np.random.default_rng(5).random(DRAWS).astype(np.float32)
     for p, n in receivers(6):
-        draw(tree, vec(p), vec(n), u, chosen, rest, probability)
-        expected = probabilities(tree, p, n)
-        found = probability > 0
-        assert np.allclose(probability[found], expected[chosen[found]], rtol=1e-4)
-        counts = np.append(np.bincount(chosen[found], minlength=count), np.sum(~found))
-        nothing = max(1 - expected.sum(), 0)
-        assert_frequencies(counts, np.append(expected, nothing if nothing > 1e-5 else 0) * draws, 30)
-        assert np.all((rest[found] >= 0) & (rest[found] < 1))
-        if found.sum() > 1000:
-            common = found & (chosen == np.argmax(counts[:-1]))
-            cells = np.bincount((rest[common] * 16).astype(int), minlength=16)
-            assert_frequencies(cells, np.full(16, common.sum() / 16), 30)
+        assert_draws(tree, p, n, u, tree)
+
+
+def test_wrong_probabilities_and_uneven_numbers_are_caught():
+    """One emitter of 60 that is told 5 % brighter; and random numbers that leave out a hundredth."""
+    emitters = make_emitters(60, (ALL_WAYS,))
+    tree, brighter = build(emitters), (*emitters[:4], emitters[4] * np.where(np.arange(60) == 7, 1.05, 1))
+    u = np.random.default_rng(5).random(DRAWS).astype(np.float32)
+    p, n = np.float32([2, 2, -1]), np.float32([0, 0, 1])
+    assert_draws(tree, p, n, u, tree)
+    for numbers, told in ((u, build(brighter)), (u * np.float32(0.99), tree)):
+        with pytest.raises(AssertionError):
+            assert_draws(tree, p, n, numbers, told)
 
 
 def test_probabilities_sum_to_one_where_every_cluster_has_a_reachable_emitter():
@@ -154,9 +172,21 @@ def test_no_light_is_left_out(kind, size):
     tree = build(emitters)
     random = np.random.default_rng(9)
     for p, n in receivers(300):
-        chance = probabilities(tree, p, n)
-        for i in np.flatnonzero(chance == 0):
-            assert contributions(emitters, i, p, n, random).max() < 1e-5, f"emitter {i} is never chosen"
+        assert_none_left_out(emitters, probabilities(tree, p, n), p, n, random)
+
+
+def assert_none_left_out(emitters, chance: np.ndarray, p, n, random) -> None:
+    for i in np.flatnonzero(chance == 0):
+        assert contributions(emitters, i, p, n, random).max() < 1e-5, f"emitter {i} is never chosen"
+
+
+def test_an_emitter_that_is_left_out_is_caught():
+    emitters = make_emitters(40, (ALL_WAYS,))
+    p, n = np.float32([2, 2, -1]), np.float32([0, 0, 1])
+    for i in range(40):
+        chance = np.where(np.arange(40) == i, 0, probabilities(build(emitters), p, n))
+        with pytest.raises(AssertionError, match=f"emitter {i} is never chosen"):
+            assert_none_left_out(emitters, chance, p, n, np.random.default_rng(9))
 
 
 def test_lights_that_cannot_be_seen_are_never_chosen():
@@ -179,9 +209,7 @@ def test_the_path_of_each_emitter_leads_to_it():
     assert len(tree.nodes) == 2 * 1000 - 1
 
 
-def test_clusters_bound_their_children():
-    tree = build(make_emitters(500))
-    nodes = tree.nodes.astype(np.float64)
+def assert_clusters_bound_their_children(tree, nodes: np.ndarray) -> None:
     center, half = nodes[:, words.CENTER : words.CENTER + 3], nodes[:, words.HALF_SIZE : words.HALF_SIZE + 3]
     inner = np.flatnonzero(tree.integers[:, words.CHILD] >= 0)
     for side in range(2):
@@ -190,6 +218,18 @@ def test_clusters_bound_their_children():
         assert np.all(center[child] + half[child] <= center[inner] + half[inner] + 1e-5)
     children = tree.integers[inner, words.CHILD]
     assert np.allclose(nodes[inner, words.POWER], nodes[children, words.POWER] + nodes[children + 1, words.POWER])
+
+
+def test_clusters_bound_their_children():
+    tree = build(make_emitters(500))
+    nodes = tree.nodes.astype(np.float64)
+    assert_clusters_bound_their_children(tree, nodes)
+    leaf = np.flatnonzero(tree.integers[:, words.CHILD] < 0)[0]
+    for word, more in ((words.CENTER, 5.0), (words.HALF_SIZE, 5.0), (words.POWER, 0.1)):
+        wrong = nodes.copy()
+        wrong[leaf, word] += more
+        with pytest.raises(AssertionError):
+            assert_clusters_bound_their_children(tree, wrong)
 
 
 def test_no_emitters():

@@ -58,8 +58,24 @@ def independent(shape, seed: int = 7) -> np.ndarray:
 
 @pytest.mark.parametrize("bits, first", [(4, 0), (6, 0), (6, 64 * 5), (8, 0), (8, 4096 + 256), (12, 0), (12, 4096)])
 def test_aligned_blocks_are_nets(bits, first):
+    assert_nets(samples(1 << bits, (0, 5, 11, 300), pixels=5, first=first), bits)
+
+
+@pytest.mark.parametrize("bits, first", [(4, 8), (6, 7), (8, 1), (12, 2048)])
+def test_blocks_that_are_not_aligned_are_no_nets(bits, first):
+    with pytest.raises(AssertionError):
+        assert_nets(samples(1 << bits, (0, 5, 11, 300), pixels=5, first=first), bits)
+
+
+def test_one_number_that_is_rounded_away_is_caught():
+    points = samples(1 << 8, (0,), pixels=5)
+    points[3, 100] = points[3, 101]
+    with pytest.raises(AssertionError):
+        assert_nets(points, 8)
+
+
+def assert_nets(points: np.ndarray, bits: int) -> None:
     """One point in each box of area 2^-bits, of every shape, in any dimension: a (0, bits, 2)-net."""
-    points = samples(1 << bits, (0, 5, 11, 300), pixels=5, first=first)
     for a in range(bits + 1):
         x = (points[..., 0] * (1 << a)).astype(int)
         y = (points[..., 1] * (1 << (bits - a))).astype(int)
@@ -132,8 +148,22 @@ def test_variance_within_a_dimension(f, gain, count):
 @pytest.mark.parametrize("count", [16, 64, 256])
 @pytest.mark.parametrize("pair", [(0, 1), (2, 3), (0, 4), (1, 9), (3, 17)])
 def test_dimensions_are_independent_of_each_other(pair, count):
+    assert_independent(samples(count, pair))
+
+
+@pytest.mark.parametrize("count", [16, 64, 256])
+def test_dimensions_in_step_are_caught(count):
+    """One dimension twice; and two that are in step in a tenth of the pixels."""
+    points = samples(count, (2, 3))
+    partly = np.where(np.arange(PIXELS)[:, None, None, None] % 10 == 0, points[:, :, :1], points)
+    for wrong in (samples(count, (2, 2)), partly):
+        with pytest.raises(AssertionError):
+            assert_independent(wrong)
+
+
+def assert_independent(points: np.ndarray) -> None:
     """Between two dimensions: no correlation, and an integrand of both has no more error than by chance."""
-    points = samples(count, pair)
+    count = points.shape[1]
     x, y = points[:, :, 0, 0] - 0.5, points[:, :, 1, 0] - 0.5
     correlation = 12 * (x * y).mean()
     assert abs(correlation) < 4 / np.sqrt(PIXELS * count)
@@ -149,15 +179,28 @@ def test_dimensions_are_independent_of_each_other(pair, count):
 def test_pixels_are_independent_of_each_other():
     """The errors of neighbouring pixels, and one pixel's numbers and the next one's, are uncorrelated."""
     for dimension in (0, 6):
-        points = samples(64, (dimension,))[:, :, 0]
-        values = points.reshape(PIXELS, -1) - 0.5
-        for step in (1, 20, 21):
-            correlation = 12 * (values[step:] * values[:-step]).mean()
-            assert abs(correlation) < 4 / np.sqrt(values[step:].size)
-        errors = edge(points).mean(axis=1)
-        errors = (errors - errors.mean()) / errors.std()
-        for step in (1, 20):
-            assert abs((errors[step:] * errors[:-step]).mean()) < 4 / np.sqrt(PIXELS)
+        assert_pixels_independent(samples(64, (dimension,))[:, :, 0])
+
+
+def assert_pixels_independent(points: np.ndarray) -> None:
+    values = points.reshape(PIXELS, -1) - 0.5
+    for step in (1, 20, 21):
+        correlation = 12 * (values[step:] * values[:-step]).mean()
+        assert abs(correlation) < 4 / np.sqrt(values[step:].size)
+    errors = edge(points).mean(axis=1)
+    errors = (errors - errors.mean()) / errors.std()
+    for step in (1, 20):
+        assert abs((errors[step:] * errors[:-step]).mean()) < 4 / np.sqrt(PIXELS)
+
+
+@pytest.mark.parametrize("step", [1, 20])
+def test_pixels_in_step_are_caught(step):
+    """A third of them has the numbers of a neighbour."""
+    points = samples(64, (0,))[:, :, 0]
+    copied = np.arange(step, PIXELS, 3)
+    points[copied] = points[copied - step]
+    with pytest.raises(AssertionError):
+        assert_pixels_independent(points)
 
 
 def test_samples_continue_beyond_the_table():

@@ -107,14 +107,41 @@ def triangle_cells(vertices: np.ndarray, cells: int):
     return inside, first, at(i + 1, j), at(i, j + 1)
 
 
+COUNT = 200_000
+
+
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_triangle_samples_are_uniform_in_solid_angle(name):
     vertices = np.array(TRIANGLES[name], np.float32).astype(np.float64)
-    corners = [vec(v) for v in vertices]
-    count = 200_000
-    out = np.zeros((count, 5), np.float32)
-    draw_triangle(vec((0, 0, 0)), *corners, random_numbers(count), out)
-    wi, t, pdf = as_arrays(out)
+    out = np.zeros((COUNT, 5), np.float32)
+    draw_triangle(vec((0, 0, 0)), *(vec(v) for v in vertices), random_numbers(COUNT), out)
+    assert_fills_triangle(vertices, *as_arrays(out))
+
+
+def drawn_by_area(origin, u, v, triangle: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(directions, distances, densities) of points spread evenly in the plane, with the density of an even solid
+    angle: what a sampler would be that forgets the cosine and the distance."""
+    s, r = random_numbers(COUNT).astype(float).T
+    if triangle:
+        s, r = np.where(s + r > 1, (1 - s, 1 - r), (s, r))
+    points = origin + s[:, None] * u + r[:, None] * v
+    t = np.linalg.norm(points, axis=1)
+    zero, corner = np.zeros(3), origin + u + v
+    omega = triangle_solid_angles(zero, origin, origin + u, origin + v)
+    if not triangle:
+        omega += triangle_solid_angles(zero, corner, origin + u, origin + v)
+    return points / t[:, None], t, np.full(COUNT, 1 / omega)
+
+
+@pytest.mark.parametrize("name", ["medium", "tiny", "vertex close by"])
+def test_a_triangle_that_is_filled_evenly_in_its_plane_is_caught(name):
+    a, b, c = vertices = np.array(TRIANGLES[name], np.float64)
+    with pytest.raises(AssertionError, match="chi-squared"):
+        assert_fills_triangle(vertices, *drawn_by_area(a, b - a, c - a, triangle=True))
+
+
+def assert_fills_triangle(vertices: np.ndarray, wi: np.ndarray, t: np.ndarray, pdf: np.ndarray) -> None:
+    count = len(wi)
     inside, a, b, c = triangle_cells(vertices, CELLS)
     zero = np.zeros(3)
     omega = np.where(inside, triangle_solid_angles(zero, a, b, c), 0)
@@ -136,11 +163,28 @@ def test_triangle_samples_are_uniform_in_solid_angle(name):
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_triangle_density_integrates_to_one_and_agrees(name):
     corners = [vec(v) for v in TRIANGLES[name]]
+    out = np.zeros((64 * 64, 5), np.float32)
+    draw_triangle(vec((0, 0, 0)), *corners, stratified(64), out)
+    assert_density_of_triangle(corners, *as_arrays(out))
+
+
+@pytest.mark.parametrize("name", ["medium", "far", "nearly the hemisphere"])
+def test_a_density_of_another_triangle_is_caught(name):
+    """Off by 1 %; or with one corner moved by a part in some thousands."""
+    corners = [vec(v) for v in TRIANGLES[name]]
+    out = np.zeros((64 * 64, 5), np.float32)
+    draw_triangle(vec((0, 0, 0)), *corners, stratified(64), out)
+    wi, t, pdf = as_arrays(out)
+    moved = [*corners[:2], vec(np.array(corners[2]) * (1, 1.01, 1))]
+    for wrong, density in ((corners, pdf * 1.01), (moved, pdf)):
+        with pytest.raises(AssertionError):
+            assert_density_of_triangle(wrong, wi, t, density)
+
+
+def assert_density_of_triangle(corners, wi: np.ndarray, t: np.ndarray, pdf: np.ndarray) -> None:
+    """That of samples from the origin at a grid of random numbers."""
     v0, v1, v2 = np.array(corners, np.float32)
     p = vec((0, 0, 0))
-    out = np.zeros((64 * 64, 5), np.float32)
-    draw_triangle(p, *corners, stratified(64), out)
-    wi, t, pdf = as_arrays(out)
     ng = vec(np.cross(v1 - v0, v2 - v0))
     again = [call_triangle_pdf(p, *corners, ng, vec(wi[i]), np.float32(t[i])) for i in range(0, len(wi), 37)]
     assert np.allclose(again, pdf[::37], rtol=1e-5)
@@ -217,11 +261,23 @@ def test_rectangle_samples_are_uniform_in_solid_angle(name):
     rectangle = np.array(RECTANGLES[name], np.float32).astype(np.float64)
     corners = [vec(v) for v in rectangle]
     p = vec((0, 0, 0))
-    count = 200_000
-    out = np.zeros((count, 5), np.float32)
-    draw_rectangle(p, *corners, random_numbers(count, 3), out)
+    out = np.zeros((COUNT, 5), np.float32)
+    draw_rectangle(p, *corners, random_numbers(COUNT, 3), out)
     wi, t, pdf = as_arrays(out)
-    corner, u, v = rectangle
+    assert_fills_rectangle(rectangle, wi, t, pdf)
+    again = [call_rectangle_pdf(p, *corners, vec(wi[i]), np.float32(t[i])) for i in range(0, len(wi), 997)]
+    assert np.allclose(again, pdf[::997], rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["medium", "tilted", "tiny"])
+def test_a_rectangle_that_is_filled_evenly_in_its_plane_is_caught(name):
+    rectangle = np.array(RECTANGLES[name], np.float64)
+    with pytest.raises(AssertionError, match="chi-squared"):
+        assert_fills_rectangle(rectangle, *drawn_by_area(*rectangle, triangle=False))
+
+
+def assert_fills_rectangle(rectangle: np.ndarray, wi: np.ndarray, t: np.ndarray, pdf: np.ndarray) -> None:
+    count, (corner, u, v) = len(wi), rectangle
     omega = rectangle_cells(rectangle, CELLS)
     assert np.mean(1 / pdf) == pytest.approx(omega.sum(), rel=1e-2)
     w = np.linalg.lstsq(np.stack([u, v], axis=1), (wi * t[:, None] - corner).T, rcond=None)[0]
@@ -230,8 +286,6 @@ def test_rectangle_samples_are_uniform_in_solid_angle(name):
     uniform = np.ptp(pdf) <= 1e-5 * pdf.max()
     expected = omega / omega.sum() if uniform else np.full(CELLS**2, CELLS**-2.0)
     assert_frequencies(np.bincount(i * CELLS + j, minlength=CELLS**2), expected * count, len(RECTANGLES))
-    again = [call_rectangle_pdf(p, *corners, vec(wi[i]), np.float32(t[i])) for i in range(0, len(wi), 997)]
-    assert np.allclose(again, pdf[::997], rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", [n for n in RECTANGLES if n != "sheared"])
@@ -264,13 +318,28 @@ SPHERES = {  # center, radius
 
 @pytest.mark.parametrize("name", SPHERES)
 def test_sphere_is_sampled_as_its_density_says(name):
+    assert_fills_sphere(name, *SPHERES[name])
+
+
+@pytest.mark.parametrize("name", ["medium", "far", "inside"])
+def test_draws_of_another_sphere_are_caught(name):
+    """Of half a per cent more radius, or one beside it."""
     center, radius = SPHERES[name]
-    center64 = np.array(center, np.float32).astype(np.float64)
+    for wrong in ((center, radius * 1.005), (np.array(center) + (0, radius * 0.02, 0), radius)):
+        with pytest.raises(AssertionError):
+            assert_fills_sphere(name, *wrong)
+
+
+def assert_fills_sphere(name: str, told_center, told_radius: float) -> None:
+    """The sphere of this name is drawn, another one is told."""
     n = vec((0.6, 0, 0.8))
-    count = 200_000
+    count = COUNT
     out = np.zeros((count, 5), np.float32)
-    draw_sphere(vec((0, 0, 0)), n, vec(center), np.float32(radius), random_numbers(count, 5), out)
+    drawn_center, drawn_radius = SPHERES[name]
+    draw_sphere(vec((0, 0, 0)), n, vec(drawn_center), np.float32(drawn_radius), random_numbers(count, 5), out)
     wi, t, pdf = as_arrays(out)
+    center, radius = told_center, told_radius
+    center64 = np.array(center, np.float32).astype(np.float64)
     d = np.linalg.norm(center64)
     assert np.allclose(np.linalg.norm(wi, axis=1), 1, atol=1e-6)
     off = np.linalg.norm(wi * t[:, None] - center64, axis=1) - radius

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from engine.kernels.jit import kernel
 from engine.kernels.sampler import warp
@@ -24,15 +25,30 @@ def draw(kind, u, out):
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
 
 
+SIDE = 256
+
+
+def assert_continuous(out: np.ndarray) -> None:
+    """out (SIDE^2, 3) of the points of a grid."""
+    image = out.reshape(SIDE, SIDE, 3)
+    for axis in (0, 1):
+        assert np.linalg.norm(np.diff(image, axis=axis), axis=2).max() < 10 / SIDE
+
+
 def test_warps_are_continuous():
     """Neighbours stay neighbours, so that well-spread numbers stay well-spread: no seam inside the square."""
     for kind in (DISK, UNIFORM):
-        side = 256
-        out = np.empty((side * side, 3), np.float32)
-        draw(kind, chi2.grid(side), out)
-        image = out.reshape(side, side, 3)
-        for axis in (0, 1):
-            assert np.linalg.norm(np.diff(image, axis=axis), axis=2).max() < 10 / side
+        out = np.empty((SIDE * SIDE, 3), np.float32)
+        draw(kind, chi2.grid(SIDE), out)
+        assert_continuous(out)
+
+
+def test_a_seam_is_caught():
+    """The disk by polar coordinates, one half of it turned by 1 % of a half turn."""
+    u1, u2 = chi2.grid(SIDE).astype(float).T
+    phi = 2 * np.pi * u2 * np.where(u2 < 0.5, 1, 1.01)
+    with pytest.raises(AssertionError):
+        assert_continuous(np.stack([np.sqrt(u1) * np.cos(phi), np.sqrt(u1) * np.sin(phi), 0 * phi], axis=1))
 
 
 def test_single_precision():

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import scenes
+from reference import slab
+from reference.irradiance import above_horizon, polygon_irradiance, smoothstep, spread_disk, spread_rectangle
+from reference.slab import Slab
 from sample_scenes import sample_scene
 
 from engine.scene import AreaLight, Camera, Lamp, Material, Mesh, PointLight, Scene, SpotLight, SunLight, World
@@ -25,6 +28,7 @@ NOISY = 16384  # samples where 4096 would need too many seeds
 DEEP = 1000
 EVERY = (*range(9), DEEP)
 ENDS = (0, 8)  # for pictures without a second surface: no limit may change them
+LIMITS = ("max_bounces", "diffuse_bounces", "glossy_bounces")
 ONE = (1.0, 1.0, 1.0)
 WHITE = Material("white", kd=ONE)
 ALBEDO_TABLE = Path(__file__).resolve().parents[1] / "kernels" / "phong_albedo.json"
@@ -34,8 +38,12 @@ ALBEDO_TABLE = Path(__file__).resolve().parents[1] / "kernels" / "phong_albedo.j
 class Case:
     """expected  radiance (a number or RGB) at a bounce limit
     source    where that comes from
+    limits    rendered with as many samples as the interval wants
+    others    more limits, with few samples
     slack     relative, for what is no noise: float32, or a mesh that only comes near to a sphere
     samples   of a pixel and seed
+    bounds    the settings that a limit stands for, each with its multiple of it; what isn't named is DEEP
+    settings  any other settings
     """
 
     name: str
@@ -45,10 +53,22 @@ class Case:
     limits: tuple[int, ...] = ENDS
     slack: float = FLOAT32
     samples: int = 4096
+    others: tuple[int, ...] = ()
+    bounds: dict[str, int] = field(default_factory=lambda: dict.fromkeys(LIMITS, 1))
+    settings: dict[str, str] = field(default_factory=dict)
+
+    def bounces(self, limit: int) -> dict[str, int]:
+        """The three settings at a limit, in the order of LIMITS."""
+        return {name: min(self.bounds[name] * limit, DEEP) if name in self.bounds else DEEP for name in LIMITS}
 
 
 def always(value) -> Callable[[int], np.ndarray | float]:
     return lambda bounces: value
+
+
+def without(limits: tuple[int, ...]) -> tuple[int, ...]:
+    """All limits but these."""
+    return tuple(limit for limit in EVERY if limit not in limits)
 
 
 def series(first, kd, more: int) -> Callable[[int], np.ndarray]:
@@ -80,11 +100,53 @@ def furnace(mesh: Callable[[], Mesh]) -> Scene:
 
 
 def furnaces() -> Iterator[Case]:
+    expected = series([1 - kd for kd in KD], KD, more=1)
+    source = "Le sum(kd^i, i = 0 .. bounces + 1)"
     for name, mesh in FURNACES.items():
         limits = EVERY if name == "cube" else (0, 2, DEEP)
-        expected = series([1 - kd for kd in KD], KD, more=1)
-        source = "Le sum(kd^i, i = 0 .. bounces + 1)"
-        yield Case(f"furnace, {name}", partial(furnace, mesh), expected, source, limits, samples=NOISY)
+        case = Case(f"furnace, {name}", partial(furnace, mesh), expected, source, limits, samples=NOISY)
+        yield replace(case, others=without(limits))
+    cube = partial(furnace, FURNACES["cube"])
+    for setting in ("max_bounces", "diffuse_bounces"):
+        name = f"furnace, cube, {setting} alone"
+        yield Case(name, cube, expected, source, (), samples=NOISY, others=EVERY, bounds={setting: 1})
+
+
+# Plates without end, with both lobes
+
+SLABS = (
+    Slab(0.0, 0.9, 10, 60), Slab(0.3, 0.6, 10, 60), Slab(0.3, 0.6, 100, 80), Slab(0.1, 0.8, 1, 30),
+    Slab(0.0, 0.9, 1000, 45),
+)  # fmt: skip
+DIFFUSE_SLAB, BOTH = Slab(0.5, 0.0, 0, 60), SLABS[1]
+UNEQUAL = {
+    "glossy_bounces alone": {"glossy_bounces": 1},
+    "diffuse_bounces alone": {"diffuse_bounces": 1},
+    "glossy_bounces twice diffuse_bounces": {"diffuse_bounces": 1, "glossy_bounces": 2},
+    "diffuse_bounces twice glossy_bounces": {"diffuse_bounces": 2, "glossy_bounces": 1},
+}
+CHOICES = (
+    {"lobe_selection": "CLASSIC"}, {"hemisphere_sampling": "UNIFORM"}, {"hemisphere_sampling": "REJECTION"},
+)  # fmt: skip
+
+
+def plates(walls: Slab, name: str = "", limits: tuple[int, ...] = (), **rest) -> Case:
+    def expected(limit: int) -> float:
+        return slab.radiance(walls, *case.bounces(limit).values())
+
+    case = Case(f"plates, {walls}{name}", partial(slab.scene, walls, SIZE), expected, "matrix of the angles", limits,
+                others=without(limits), **rest)  # fmt: skip
+    return case
+
+
+def slabs() -> Iterator[Case]:
+    for each in SLABS:
+        yield plates(each, limits=(1, 4))
+    yield plates(DIFFUSE_SLAB)
+    for name, bounds in UNEQUAL.items():
+        yield plates(BOTH, f", {name}", bounds=bounds)
+    for settings in CHOICES:
+        yield plates(BOTH, f", {next(iter(settings.values()))}", settings=settings)
 
 
 RINGS = 256
@@ -162,33 +224,10 @@ def under(light: Lamp) -> Scene:
     return scene
 
 
-def polygon_irradiance(corners, normal=(0.0, 0.0, 1.0)) -> float:
-    """Lambert: of radiance 1, from a polygon (k, 3) above the horizon of the origin, W/m2."""
-    v = np.asarray(corners, np.float64)
-    v = v / np.linalg.norm(v, axis=1)[:, None]
-    total = 0.0
-    for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
-        across = np.cross(a, b)
-        total += np.arccos(a @ b) * (across @ np.asarray(normal)) / np.linalg.norm(across)
-    return float(abs(total) / 2)
-
-
-def smoothstep(angle: float, half: float, blend: float) -> float:
-    s = np.clip((np.cos(angle) - np.cos(half)) / ((1 - np.cos(half)) * blend), 0, 1)
-    return float(s * s * (3 - 2 * s))
-
-
 def turned_off(angle: float) -> np.ndarray:
     """(3,) from SLANT past the origin by so many radians."""
     side = np.cross(SLANT, (0, 0, 1)) / np.linalg.norm(SLANT[:2])
     return -SLANT / DISTANCE * np.cos(angle) + side * np.sin(angle)
-
-
-def spread_disk(radius: float, height: float, spread: float) -> float:
-    """E / pi of a coaxial disk of radiance 1 with `spread`: 2 L int (tan h - tan t) sin t cos t dt / (tan h - h)."""
-    h = spread / 2
-    a = min(h, np.arctan(radius / height))
-    return float((np.tan(h) * np.sin(a) ** 2 - a + np.sin(2 * a) / 2) / (np.tan(h) - h))
 
 
 def area_corners(light: AreaLight) -> np.ndarray:
@@ -222,6 +261,17 @@ def lamps() -> Iterator[tuple[Lamp, np.ndarray, str]]:
     for spread, r in ((0.05, 0.06), (1.0, 0.7), (3.0, 0.7)):
         narrow = replace(disk, name=f"area, disk, spread {spread}", size_x=2 * r, size_y=2 * r, spread=spread)
         yield narrow, COLOUR * spread_disk(r, 2.0, spread), "2 L int f sin cos dt"
+    for spread, towards, x, y in (
+        (0.1, -SLANT, 0.4, 0.1), (1.0, (-0.3, -0.3, -1), 1.5, 0.8), (1.0, (-0.6, -0.3, -2), 0.1, 0.1),
+        (2.5, (-0.5, 0, -1), 1.5, 0.8),
+    ):  # fmt: skip
+        name = f"area, {x} x {y}, spread {spread}"
+        window = AreaLight(name, scenes.place(SLANT, towards), radiance=RGB, size_x=x, size_y=y, spread=spread)
+        shown = spread_rectangle(area_corners(window), -window.transform[:, 2], spread) / np.pi
+        yield window, COLOUR * shown, "L int int f cos cos / d^2 r dr dphi"
+    low = AreaLight("area, cut by the horizon", scenes.place((1.2, 0.3, 0.2), (-1, -0.2, 0.3)), radiance=RGB,
+                    size_x=0.8, size_y=1.2)  # fmt: skip
+    yield low, COLOUR * polygon_irradiance(above_horizon(area_corners(low))) / np.pi, "Lambert's polygon, clipped"
     for angle in (0.0, 0.0092, 0.6):
         sun = SunLight(f"sun, angle {angle}", AT_PLATE, irradiance=RGB, angle=angle)
         yield sun, COLOUR * COSINE / np.pi, "E cos"
@@ -232,6 +282,38 @@ def plate_under_mesh(mesh: Mesh) -> Scene:
     scene.materials.append(Material("lamp", emission=RGB))
     scene.add_instance(mesh, materials=(1,))
     return scene
+
+
+POLYGONS = {
+    "heptagon": [(np.cos(a), np.sin(a) - 0.3, 1.6 + 0.5 * np.cos(a + 1)) for a in np.arange(7) / 7 * 2 * np.pi],
+    # Of the shape of an L; all of it is seen from its inner corner, the first.
+    "hexagon with a dent": [(0.5 + 0.4 * x, 0.3 * y - 0.2, 1.2 + 0.2 * x - 0.3 * y)
+                            for x, y in ((1, 1), (1, 2), (0, 2), (0, 0), (2, 0), (2, 1))],
+    "pentagon cut by the horizon": [(1.0, -0.6, -0.5), (1.4, 0.3, -0.4), (1.6, 0.8, 0.4), (1.2, 0.0, 1.2),
+                                    (0.8, -0.8, 0.6)],
+}  # fmt: skip
+
+
+def flat_polygon(corners) -> np.ndarray:
+    """(k, 3) moved along z into the plane of the first three: float32 then has it, or nearly so."""
+    v = np.array(corners, np.float64)
+    normal = np.cross(v[1] - v[0], v[2] - v[0])
+    v[:, 2] -= (v - v[0]) @ normal / normal[2]
+    return v
+
+
+def polygon_mesh(corners: np.ndarray, name: str) -> Mesh:
+    """As a fan about the first corner."""
+    k = np.arange(1, len(corners) - 1, dtype=np.uint32)
+    return Mesh(name, corners.astype(np.float32), np.column_stack([0 * k, k, k + 1]).astype(np.uint32))
+
+
+def mesh_polygons() -> Iterator[Case]:
+    for name, rough in POLYGONS.items():
+        mesh = polygon_mesh(flat_polygon(rough), name)
+        shown = COLOUR * polygon_irradiance(above_horizon(mesh.vertices)) / np.pi
+        source = "Lambert's polygon, clipped" if "horizon" in name else "Lambert's polygon"
+        yield Case(f"mesh, {name}", partial(plate_under_mesh, mesh), always(shown), source)
 
 
 def mesh_lamps() -> Iterator[Case]:
@@ -252,6 +334,7 @@ def lit_plates() -> Iterator[Case]:
     for light, shown, source in lamps():
         yield Case(f"lamp: {light.name}", partial(under, light), always(shown), source)
     yield from mesh_lamps()
+    yield from mesh_polygons()
 
 
 # The sample scene's lamp on its own wall
@@ -355,4 +438,4 @@ def phong_albedos() -> Iterator[Case]:
             yield Case(f"diffuse and {name}", scene, expected, "kd + ks albedo by quadrature", (0,), samples=NOISY)
 
 
-CASES = [*furnaces(), *lit_spheres(), *form_factors(), *lit_plates(), *skies(), *cornell(), *phong_albedos()]
+CASES = [*furnaces(), *slabs(), *lit_spheres(), *form_factors(), *lit_plates(), *skies(), *cornell(), *phong_albedos()]

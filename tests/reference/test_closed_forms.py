@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scenes
+from reference import slab
+from reference.irradiance import polygon_irradiance, smoothstep
+from reference.slab import Slab
 
 from engine.scene import AreaLight, Camera, Material, PointLight, Scene, SpotLight, SunLight, World
 
@@ -41,6 +44,15 @@ def test_furnace_in_the_limit(measure, mesh, kd):
 def test_furnace_for_each_hemisphere_sampling(measure, hemisphere):
     scene = scenes.furnace()
     measure(scene, samples=64, max_bounces=1, hemisphere_sampling=hemisphere).check(0.875)
+
+
+@pytest.mark.parametrize(("total", "diffuse", "glossy"), [(2, 8, 8), (8, 1, 2)])
+def test_plates_of_both_lobes(measure, total, diffuse, glossy):
+    """Many bounces with a glossy lobe, and what each limit counts."""
+    plates = Slab(0.3, 0.6, 10, 60)
+    limits = {"max_bounces": total, "diffuse_bounces": diffuse, "glossy_bounces": glossy}
+    picture = measure(slab.scene(plates, 8), samples=64, **limits)
+    picture.check(slab.radiance(plates, total, diffuse, glossy))
 
 
 def test_point_light_in_a_sphere(measure):
@@ -125,16 +137,6 @@ def test_spot_cone_follows_the_scale_of_the_lamp(measure):
     cosine = np.cos(np.arctan(np.tan(0.7) / 2))
     s = (cosine - np.cos(0.5)) / (1 - np.cos(0.5))
     measure(plate_under(light)).check(s * s * (3 - 2 * s) / 4 / np.pi, slack=5e-4)
-
-
-def polygon_irradiance(corners: np.ndarray, normal=(0.0, 0.0, 1.0)) -> float:
-    """Lambert: of radiance 1, from a polygon (k, 3) above the horizon at the origin."""
-    v = corners / np.linalg.norm(corners, axis=1)[:, None]
-    total = 0.0
-    for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
-        across = np.cross(a, b)
-        total += np.arccos(a @ b) * (across @ np.asarray(normal)) / np.linalg.norm(across)
-    return abs(total) / 2
 
 
 def area_corners(light: AreaLight) -> np.ndarray:
@@ -273,3 +275,66 @@ def test_camera_sees_the_image_where_it_is(render):
         scene.world = World(color=ONE, image=image)
         pixel = render(scene, samples=1).pixels[0, 0, :3]
         np.testing.assert_allclose(pixel, image[row, column], rtol=2e-4, atol=2e-4)
+
+
+# What is broken is caught: each scene has one thing that its formula doesn't have
+
+
+def dim(lamp: str, **change) -> Scene:
+    """A plate under a lamp that is as the formulas above have it, but for `change`."""
+    side = np.cross(SLANT, (0, 0, 1)) / np.linalg.norm(SLANT[:2])
+    tilted = scenes.place(SLANT, -SLANT / DISTANCE * np.cos(0.3) + side * np.sin(0.3))
+    made = {
+        "point": PointLight("lamp", AT_PLATE, intensity=ONE),
+        "spot": SpotLight("lamp", tilted, intensity=ONE, half_angle=0.5, blend=0.8),
+        "area": AreaLight("lamp", scenes.place((0, 0, 2)), radiance=ONE, size_x=1.4, size_y=1.4, ellipse=True),
+        "sun": SunLight("lamp", AT_PLATE, irradiance=ONE, angle=0.6),
+    }[lamp]
+    return plate_under(replace(made, **change), size=4)
+
+
+def phong(exponent: float) -> Scene:
+    return plate_at(60, Material("phong", ks=ONE, exponent=exponent))
+
+
+RIGHT = {
+    "furnace": (lambda: scenes.furnace(size=4), 0.875),
+    "point": (lambda: dim("point"), COSINE / DISTANCE**2 / np.pi),
+    "spot": (lambda: dim("spot"), smoothstep(0.3, 0.5, 0.8) * COSINE / DISTANCE**2 / np.pi),
+    "area": (lambda: dim("area"), 0.49 / (0.49 + 4)),
+    "sun": (lambda: dim("sun"), COSINE / np.pi),
+    "phong": (lambda: phong(10), ALBEDO[10, 60]),
+    "image": (lambda: under_image(lambda x, y, z: np.maximum(z, 0)), np.array([1, 0.5, 2]) * 2 / 3),
+}
+WRONG = {
+    "furnace": lambda: scenes.furnace(kd=0.51, size=4),
+    "point": lambda: dim("point", transform=scenes.place(SLANT * 1.002, -SLANT)),
+    "spot": lambda: dim("spot", blend=0.81),
+    "area": lambda: dim("area", size_x=1.45),
+    "sun": lambda: dim("sun", transform=scenes.place(SLANT, -SLANT - (0, 0, 0.05))),
+    "phong": lambda: phong(5),
+    "image": lambda: under_image(lambda x, y, z: np.maximum(z, 0), np.roll(np.eye(3), 1, axis=0)),
+}
+
+
+@pytest.mark.parametrize("form", RIGHT)
+def test_what_the_formula_does_not_have_is_caught(measure, form):
+    right, expected = RIGHT[form]
+    measure(right(), samples=128, max_bounces=1).check(expected, slack=1e-3)
+    with pytest.raises(AssertionError):
+        measure(WRONG[form](), samples=128, max_bounces=1).check(expected, slack=1e-3)
+
+
+def test_a_bounce_too_many_is_caught(measure):
+    with pytest.raises(AssertionError):
+        measure(scenes.furnace(size=4), samples=64, max_bounces=2).check(0.875)
+
+
+def test_a_camera_that_mirrors_the_sky_is_caught(render):
+    image = np.random.default_rng(1).random((8, 16, 3)).astype(np.float32)
+    phi, theta = (1 - 2 * 3.5 / 16) * np.pi, 2.5 / 8 * np.pi
+    d = (np.sin(theta) * np.cos(phi), -np.sin(theta) * np.sin(phi), -np.cos(theta))
+    scene = Scene(width=1, height=1, camera=scenes.camera(towards=d, half_width=1e-6))
+    scene.world = World(color=ONE, image=image)
+    with pytest.raises(AssertionError):
+        np.testing.assert_allclose(render(scene, samples=1).pixels[0, 0, :3], image[2, 3], rtol=2e-4, atol=2e-4)

@@ -323,3 +323,68 @@ def test_same_seed_gives_the_same_picture(render):
     a, b, c = (render(scenes.cornell(8), samples=4, seed=seed).pixels for seed in (7, 7, -3))
     np.testing.assert_array_equal(a, b)
     assert not np.array_equal(a, c)
+
+
+# What is broken is caught: scenes that break the rule of a test above
+
+
+def layers(count: int) -> Scene:
+    scene = Scene(width=4, height=4, camera=scenes.camera(half_width=0.1), world=World(color=ONE))
+    scene.materials = [Material("film", transparency=(0.9,) * 3)]
+    for y in range(1, count + 1):
+        scene.add_instance(scenes.quad_mesh((-9, y, -9), (18, 0, 0), (0, 0, 18), f"film {y}"))
+    return scene
+
+
+def brighter(scene: Scene, exposure: float) -> Scene:
+    scene.exposure = exposure
+    return scene
+
+
+BROKEN = {
+    "a roof without a shadow": (lambda: roofed(BLACK, ALL & ~SHADOW), 0),
+    "a film that passes more": (lambda: roofed(Material("film", transparency=(0.505,) * 3)), 0.5),
+    "a layer too few": (lambda: layers(3), 0.9**4),
+    "exposed otherwise": (lambda: brighter(scenes.furnace(size=4), 3.1), 3 * 0.875),
+    "a lamp that hides the sky": (lambda: layers(0), 6),
+    "an object that the camera sees": (lambda: layers(1), 1),
+}
+ROOM = Material("both", kd=(0.5, 0.2, 0.1), ks=(0.1, 0.2, 0.4), exponent=8)
+UNLIKE = {
+    "a lamp that no lobe misses": (
+        lambda: lamp_over(ROOM, LAMPS["area"](ALL)), lambda: lamp_over(ROOM, LAMPS["area"](ALL & ~GLOSSY)),
+    ),
+    "a pane that shadow rays meet": (
+        lambda: under_pane("area", BLACK, ALL), lambda: under_pane("area", BLACK, ALL & ~SHADOW),
+    ),
+    "a pane of glass for a black one": (
+        lambda: under_pane("mesh", PANE["glass"], SHADOW), lambda: under_pane("mesh", BLACK, ALL),
+    ),
+    "an emitter of one lobe": (
+        lambda: under_pane("area", BLACK, ALL & ~SHADOW, ALL & ~GLOSSY),
+        lambda: under_pane("area", BLACK, ALL & ~SHADOW),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_rule_is_caught(measure, name):
+    scene, expected = BROKEN[name]
+    with pytest.raises(AssertionError):
+        measure(scene(), samples=64, max_bounces=1).check(expected)
+
+
+@pytest.mark.parametrize("name", UNLIKE)
+def test_scenes_that_are_not_alike_are_caught(measure, name):
+    one, other = (measure(scene(), samples=128, max_bounces=0) for scene in UNLIKE[name])
+    with pytest.raises(AssertionError):
+        one.check_same(other)
+
+
+def test_what_is_not_clamped_and_a_picture_upside_down_are_caught(measure, render):
+    free = measure(scenes.furnace(size=4), samples=64, max_bounces=1)
+    assert not np.all(free.mean <= 0.31)
+    pixels = render(quarters(window=WINDOW), samples=4).pixels
+    for wrong in (EXPECTED[::-1], EXPECTED[:, ::-1]):
+        with pytest.raises(AssertionError):
+            np.testing.assert_allclose(pixels[..., 0], wrong, rtol=1e-6)

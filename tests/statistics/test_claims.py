@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -36,43 +40,61 @@ def test_rejection_needs_12_over_pi_draws(figure):
     assert abs(mean - 6 / math.pi) > 100 * width  # had lower points been mirrored up
 
 
-KD, KS, EXPONENT, ANGLE = 0.5, 0.3, 30, 60
 ALBEDO = {(n, angle): albedo for n, angle, albedo in json.loads(ALBEDO_TABLE.read_text())["rows"]}
-EXACT = KD + KS * ALBEDO[EXPONENT, ANGLE]
 
 
-def estimates(drawn: float, a: float, b: float) -> np.ndarray:
+class Mixed(NamedTuple):
+    """A material of both lobes, seen at an angle."""
+
+    kd: float
+    ks: float
+    exponent: float
+    angle: float
+
+    @property
+    def albedo(self) -> float:
+        return self.kd + self.ks * ALBEDO[self.exponent, self.angle]
+
+    def __str__(self) -> str:
+        return f"kd {self.kd:g}, ks {self.ks:g}, n = {self.exponent:g}, {self.angle:g} degrees"
+
+
+def estimates(seen: Mixed, drawn: float, a: float, b: float) -> np.ndarray:
     """f cos / (a pdf_diffuse + b pdf_phong) of directions of which the compiled sampler drew the share `drawn` from
-    the Phong lobe; their mean ought to be the directional albedo EXACT."""
-    case = Surface(KD, KS, EXPONENT, drawn, ANGLE)
+    the Phong lobe; their mean ought to be the directional albedo."""
+    kd, ks, exponent, angle = seen
+    case = Surface(kd, ks, exponent, drawn, angle)
     wi, f, pdf, _ = case.sample(chi2.uniforms(COUNT, 3, seed=7))
-    diffuse = Surface(KD, 0, EXPONENT, 0, ANGLE).evaluate(wi)[1]
-    phong = Surface(0, KS, EXPONENT, 1, ANGLE).evaluate(wi)[1]
+    diffuse = Surface(kd, 0, exponent, 0, angle).evaluate(wi)[1]
+    phong = Surface(0, ks, exponent, 1, angle).evaluate(wi)[1]
     assert np.allclose(pdf, (1 - drawn) * diffuse + drawn * phong, rtol=2e-5, atol=1e-7), "the compiled density"
     return np.where(pdf > 0, f * (wi @ case.n) / np.maximum(a * diffuse + b * phong, 1e-30), 0)
 
 
+MIXED = (Mixed(0.5, 0.3, 30, 60), Mixed(0.1, 0.8, 1, 30), Mixed(0.3, 0.6, 100, 85), Mixed(0.6, 0.2, 1000, 0))
 WEIGHTS = (0.02, 0.2, 0.375, 0.5, 0.8, 0.98)
 NOT_ONE = ((0.6, 0.6), (0.4, 0.4), (0.5, 0.3))
 
 
 @pytest.mark.parametrize("b", WEIGHTS)
-def test_any_weights_that_sum_to_1_are_unbiased(b, figure):
-    values = estimates(b, 1 - b, b)
+@pytest.mark.parametrize("seen", MIXED, ids=str)
+def test_any_weights_that_sum_to_1_are_unbiased(seen, b, figure):
+    values, exact = estimates(seen, b, 1 - b, b), seen.albedo
     mean, width = values.mean(), half_width(values)
-    figure(f"combined pdf, a = {1 - b:.3f}, b = {b:.3f}: {mean:.5f} +- {width:.5f} (99 %), exact {EXACT:.5f}")
-    assert abs(mean - EXACT) < half_width(values, len(WEIGHTS))
-    assert width < 0.02 * EXACT
+    figure(f"combined pdf, {seen}, a = {1 - b:.3f}, b = {b:.3f}: {mean:.5f} +- {width:.5f} (99 %), exact {exact:.5f}")
+    assert abs(mean - exact) < half_width(values, len(WEIGHTS) * len(MIXED))
+    assert width < 0.03 * exact
 
 
 @pytest.mark.parametrize("a, b", NOT_ONE)
-def test_weights_that_do_not_sum_to_1_are_biased(a, b, figure):
+@pytest.mark.parametrize("seen", MIXED, ids=str)
+def test_weights_that_do_not_sum_to_1_are_biased(seen, a, b, figure):
     """Draws are shared as a : b; the mean is off by 1 / (a + b)."""
-    values = estimates(b / (a + b), a, b)
+    values, exact = estimates(seen, b / (a + b), a, b), seen.albedo
     mean, width = values.mean(), half_width(values)
-    figure(f"combined pdf, a + b = {a + b:.1f}: {mean:.5f} +- {width:.5f} (99 %), exact {EXACT:.5f}: biased")
-    assert abs(mean - EXACT) > 20 * width
-    assert mean == pytest.approx(EXACT / (a + b), abs=half_width(values, len(NOT_ONE)))
+    figure(f"combined pdf, {seen}, a + b = {a + b:.1f}: {mean:.5f} +- {width:.5f} (99 %), exact {exact:.5f}: biased")
+    assert abs(mean - exact) > 20 * width
+    assert mean == pytest.approx(exact / (a + b), abs=half_width(values, len(NOT_ONE) * len(MIXED)))
 
 
 @kernel
@@ -136,3 +158,18 @@ def test_a_wrong_exponent_misses_the_albedo_table():
     """The check of the table, broken on purpose: half a per cent more exponent where the lobe meets the horizon."""
     case = Surface(ks=1, exponent=10 * 1.05, p_phong=1, angle=85)
     assert abs(directional_albedo(case) / ALBEDO[10, 85] - 1) > 1e-3
+
+
+def test_figures_are_shown_by_workers_too(repository):
+    """As `make test` runs: the terminal is the controller's, the figures are the workers'."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", __file__, "-k", "rejection"],
+        cwd=repository,
+        env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    claims = done.stdout.partition("worked claims")[2]
+    assert f"12/pi = {12 / math.pi:.5f} +- " in claims, done.stdout
+    assert claims.count("12/pi") == 1

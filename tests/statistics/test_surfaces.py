@@ -33,12 +33,11 @@ def directions(case: Surface, count: int = 2000, seed: int = 3) -> np.ndarray:
     return np.concatenate([drawn, chi2.sphere_points(24).astype(np.float32)])
 
 
-@pytest.mark.parametrize("case", SURFACES, ids=str)
-def test_sampling_ends_with_the_evaluation(case):
+def assert_ends_with_evaluation(case: Surface, evaluated: Surface) -> None:
     """What `sample` returns is what `evaluate` says of the direction drawn: f cos / pdf is the weight, either way."""
     wi, f, pdf, _ = case.sample(chi2.uniforms(2000, 3, seed=4))
     assert np.abs(np.linalg.norm(wi, axis=1) - 1).max() < 1e-6
-    again, pdf_again = case.evaluate(wi)
+    again, pdf_again = evaluated.evaluate(wi)
     # The compiler may keep a direction in more digits before it is stored.
     near_horizon = np.minimum(np.abs(wi @ case.n), np.abs(wi @ case.ng)) < 1e-6
     both = (pdf > 0) & (pdf_again > 0)
@@ -49,6 +48,21 @@ def test_sampling_ends_with_the_evaluation(case):
     below = (wi @ case.n <= -1e-6) | (wi @ case.ng <= -1e-6)
     assert not pdf[below].any()
     assert not f[below].any()
+
+
+@pytest.mark.parametrize("case", SURFACES, ids=str)
+def test_sampling_ends_with_the_evaluation(case):
+    assert_ends_with_evaluation(case, case)
+
+
+@pytest.mark.parametrize(
+    "change", [{"kd": 0.4001}, {"ks": 0.5001}, {"exponent": 100.1}, {"p_phong": 0.5001}, {"angle": 60.01}], ids=str
+)
+def test_sampling_that_does_not_end_with_the_evaluation_is_caught(change):
+    """One part in some thousands of any parameter."""
+    surface = {"kd": 0.4, "ks": 0.5, "exponent": 100, "p_phong": 0.5, "angle": 60}
+    with pytest.raises(AssertionError):
+        assert_ends_with_evaluation(Surface(**surface), Surface(**{**surface, **change}))
 
 
 def lobes_of(case: Surface, count: int) -> reference.Lobes:
@@ -65,23 +79,34 @@ def lobes_of(case: Surface, count: int) -> reference.Lobes:
     )
 
 
-@pytest.mark.parametrize("case", SURFACES, ids=str)
-def test_float32_is_the_float64_reference(case):
+def assert_is_reference(case: Surface, wanted: Surface) -> None:
     """f and pdf of the compiled kernels against the reference road, for the same float32 directions."""
     wi = directions(case).astype(np.float32).astype(float)
     f, pdf = case.evaluate(wi)
     wo = np.tile(np.asarray(case.wo, np.float32).astype(float), (len(wi), 1))
-    diffuse, phong, wanted_pdf = reference.evaluate(lobes_of(case, len(wi)), wo, wi)
-    wanted = (diffuse + phong)[:, 0]
+    diffuse, phong, wanted_pdf = reference.evaluate(lobes_of(wanted, len(wi)), wo, wi)
+    wanted_f = (diffuse + phong)[:, 0]
     clear = np.minimum(np.abs(wi @ case.n), np.abs(wi @ case.ng)) > 1e-6
     peak = case.ks * (case.exponent + 2) / (2 * np.pi) + case.kd
-    assert np.allclose(f[clear], wanted[clear], rtol=tolerance(case.exponent), atol=FAINT * peak)
+    assert np.allclose(f[clear], wanted_f[clear], rtol=tolerance(case.exponent), atol=FAINT * peak)
     assert np.allclose(pdf[clear], wanted_pdf[clear], rtol=tolerance(case.exponent), atol=FAINT * peak)
 
 
-@pytest.mark.parametrize("exponent", EXPONENTS)
-def test_reciprocity(exponent):
-    """f(wo, wi) = f(wi, wo), for pairs near the mirror direction and for any."""
+@pytest.mark.parametrize("case", SURFACES, ids=str)
+def test_float32_is_the_float64_reference(case):
+    assert_is_reference(case, case)
+
+
+@pytest.mark.parametrize("exponent", [10, 1e4])
+def test_another_exponent_than_the_references_is_caught(exponent):
+    """By one part in some thousands."""
+    with pytest.raises(AssertionError):
+        assert_is_reference(Surface(0.4, 0.5, exponent, 0.5, 60), Surface(0.4, 0.5, exponent * 1.0005, 0.5, 60))
+
+
+def asymmetry(exponent: float, by_cosine: bool = False) -> float:
+    """The largest difference between f(wo, wi) and f(wi, wo), relative, for pairs near the mirror direction and for
+    any. by_cosine: of f / cos theta_o, as Phong's lobe stood before it was made reciprocal."""
     surface = (chi2.vec([0.4] * 3), chi2.vec([0.5] * 3), f32(exponent), f32(0.5))
     n = chi2.vec(TILTED)
     worst = 0.0
@@ -90,12 +115,24 @@ def test_reciprocity(exponent):
         wi = directions(case, 40).astype(np.float32)
         wi = wi[(wi @ TILTED > 1e-4)][::3]
         there = case.evaluate(wi)[0]
+        if by_cosine:
+            there = there / (case.wo @ TILTED) * (wi @ TILTED)
         back = np.empty((len(wi), 3), np.float32)
         wo = np.asarray([case.wo], np.float32)
         for i, w in enumerate(wi):
             evaluate_surface(1, 0, surface, chi2.vec(w), n, n, wo, back[i : i + 1], np.empty(1, np.float32))
         worst = max(worst, np.max(np.abs(back[:, 0] - there) / np.maximum(there, 0.02 * there.max())))
-    assert worst < tolerance(exponent)
+    return worst
+
+
+@pytest.mark.parametrize("exponent", EXPONENTS)
+def test_reciprocity(exponent):
+    assert asymmetry(exponent) < tolerance(exponent)
+
+
+@pytest.mark.parametrize("exponent", EXPONENTS)
+def test_a_lobe_that_is_not_reciprocal_is_caught(exponent):
+    assert asymmetry(exponent, by_cosine=True) > 10 * tolerance(exponent)
 
 
 def assert_conserves(case: Surface, u: np.ndarray) -> None:
