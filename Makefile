@@ -1,6 +1,7 @@
 # make render   renders a sample scene with Lobe into out/
 # make test     everything that must hold: style, types, tests
 # make test-long  the tests that take minutes, and the tables of accuracy in benchmarks/results/
+# make bench    error against time beside Cycles, into benchmarks/results/: some half an hour; it can be interrupted
 # make package  the extension with its wheels, for this system, into out/
 # Each makes .venv from the pinned requirements when it is missing or they have changed.
 
@@ -9,7 +10,7 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/installed
 
-.PHONY: render test test-long lint types package venv clean
+.PHONY: render test test-long bench lint types package venv clean
 
 render: $(INSTALLED)
 	mkdir -p out
@@ -21,9 +22,12 @@ test: lint types
 test-long: $(INSTALLED)
 	status=0; \
 	$(RUN) -m pytest -m long -s || status=1; \
-	$(RUN) benchmarks/parity.py all --against REFERENCE --resolution 24x16 --samples 128 || status=1; \
-	$(RUN) benchmarks/parity.py all --against CYCLES --resolution 24x16 --samples 2048 || status=1; \
+	$(RUN) benchmarks/parity.py all --against REFERENCE || status=1; \
+	$(RUN) benchmarks/parity.py all --against CYCLES || status=1; \
 	exit $$status
+
+bench: $(INSTALLED)
+	$(RUN) tools/bench.py all
 
 lint: $(INSTALLED)
 	$(RUN) -m ruff check .

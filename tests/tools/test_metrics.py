@@ -41,6 +41,25 @@ def test_squared_bias_does_not_count_noise(rng):
     assert m.squared_bias(noisy(rng, 1.1), noisy(rng), one) == pytest.approx(0.01 / 1.01, rel=0.05)
 
 
+def test_standard_error_of_squared_bias_by_hand():
+    """Three pairs whose differences are 1, 2 and 3: without one of them the products are 2*3, 1*3 and 1*2."""
+    a, b = np.array([1.0, 2.0, 3.0]).reshape(3, 1, 1, 1), np.zeros((3, 1, 1, 1))
+    scale = 100.0  # of a black reference
+    assert m.squared_bias(a, b, b[0]) == pytest.approx((2 + 3 + 6) / 3 * scale)
+    assert m.squared_bias_error(a, b, b[0]) == pytest.approx(np.sqrt(2 * np.var([6, 3, 2])) * scale)
+
+
+def test_standard_error_of_squared_bias_tells_noise_from_bias(rng):
+    """Noise alone is hardly ever above 3 of them; a bias far too small for a single pixel is."""
+    one, found = np.ones((16, 16, 3)), {0.0: 0, 0.05: 0}
+    for _ in range(200):
+        for bias in found:
+            a, b = (rng.normal(mean, 0.1, (8, 16, 16, 3)) for mean in (1 + bias, 1))
+            found[bias] += m.squared_bias(a, b, one) > 3 * m.squared_bias_error(a, b, one)
+    assert found[0.0] <= 2
+    assert found[0.05] >= 195
+
+
 def test_mean_interval_covers_the_truth_about_as_often_as_it_says(rng):
     hits = 0
     for _ in range(300):
