@@ -8,6 +8,11 @@ from .memory import current_and_peak_mb
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
 last_report: dict = {}
 
+REJECTED = (
+    "samples that are not finite come from a light or an emission too strong to calculate with. Where there is none, "
+    "this is a bug in Lobe"
+)
+
 
 def start_report() -> dict:
     """An empty report for a frame. The one before is forgotten, so that a failed render doesn't show it again."""
@@ -64,11 +69,8 @@ def publish(report: dict, engine) -> None:
     last_report.update(report)
     for warning in report["warnings"]:
         engine.report({"WARNING"}, f"Lobe: {warning}")
-    if report["rejected"]:
-        engine.report(
-            {"WARNING"},
-            f"Lobe: left out {report['rejected']} samples that were not finite numbers. This is a bug in Lobe",
-        )
+    if report["rejected"]:  # how many is one of the warnings
+        engine.report({"WARNING"}, f"Lobe: {REJECTED}")
     if report["not_exported"]:
         engine.report({"INFO"}, "Lobe left out: " + ", ".join(report["not_exported"]))
     engine.report({"INFO"}, summary(report))  # last, where the status bar shows it

@@ -33,7 +33,8 @@ class Result:
     seconds   by phase: "build", "compile", "render"
     rays      all that were traced, shadow rays included
     road      that rendered it, which is not the one asked for where Numba is missing
-    rejected  contributions that were not finite; they are left out of the picture, and always a defect
+    rejected  contributions that were not finite and are left out of the picture: of light too strong to calculate
+              with, else a defect
     draws_per_direction  points that rejection sampling of the hemisphere drew for a direction, 12 / pi expected; 0
               with the other ways of sampling
     """

@@ -11,6 +11,7 @@ import contextlib
 import os
 import re
 import resource
+import shutil
 import sys
 import tempfile
 import time
@@ -182,8 +183,6 @@ def _lobe_report(total: float) -> dict:
     report["seconds"] = {phase: last_report["seconds"][phase] for phase in PHASES[:-1]} | {"total": total}
     report["peak_memory_mb"] = _peak_memory_mb()
     report["skipped"], report["warnings"] = list(last_report["skipped"]), list(last_report["warnings"])
-    if last_report["rejected"]:
-        report["warnings"].append(f"{last_report['rejected']} samples were not finite numbers and were left out")
     return report
 
 
@@ -218,7 +217,8 @@ def picture(scene, report: dict | None = None) -> np.ndarray:
     import bpy
     import OpenImageIO as oiio
 
-    with tempfile.TemporaryDirectory() as folder, _image_settings(scene, "OPEN_EXR", "RGBA", "32", exr_codec="NONE"):
+    folder_in_blenders = tempfile.TemporaryDirectory(dir=bpy.app.tempdir, prefix=_temporary_prefix())
+    with folder_in_blenders as folder, _image_settings(scene, "OPEN_EXR", "RGBA", "32", exr_codec="NONE"):
         path = str(Path(folder, "picture.exr"))
         bpy.data.images["Render Result"].save_render(path, scene=scene)
         buffer = oiio.ImageBuf(path)
@@ -228,6 +228,22 @@ def picture(scene, report: dict | None = None) -> np.ndarray:
         if report is not None and report["engine"] == "CYCLES":
             _fill_cycles_times(report, {a.name: a.value for a in buffer.spec().extra_attribs})
     return np.asarray(pixels, np.float32)
+
+
+def remove_temporary_files() -> None:
+    """Those of `picture`, and Blender's own folder if it is empty, for a process that ends without Blender's tidying
+    up."""
+    import bpy
+
+    folder = Path(bpy.app.tempdir)
+    for left in folder.glob(f"{_temporary_prefix()}*"):
+        shutil.rmtree(left, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _temporary_prefix() -> str:
+    return f"lobe-{os.getpid()}-"
 
 
 def _fill_cycles_times(report: dict, metadata: dict) -> None:

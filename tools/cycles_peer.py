@@ -96,7 +96,9 @@ def phong_groups() -> list:
     import bpy
 
     groups = [tree for tree in bpy.data.node_groups if tree.bl_idname == "ShaderNodeTree"]
-    return [tree for tree in groups if tree.get("lobe_phong") or tree.name == PHONG_GROUP_NAME]
+    named = [tree for tree in groups if tree.name == PHONG_GROUP_NAME]  # which can be somebody else's
+    named = [tree for tree in named if {"kd", "ks", "exponent"} <= set(tree.interface.items_tree.keys())]
+    return [tree for tree in groups if tree.get("lobe_phong") or tree in named]
 
 
 def use_osl_phong(scene) -> bool:

@@ -3,21 +3,27 @@
 Standard error carries a progress bar; the last line of standard output is one JSON object:
 {"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays", "peak_memory_mb",
 "skipped", "warnings"}; what Cycles does not tell is null. What the user can mend is said in one line, with exit code 2.
+Ctrl-C ends it at once with exit code 130; pictures are there whole or not at all.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parent.parent
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from tools import blender_render as br  # noqa: E402
+from tools.interrupt import at_interrupt, end_on_interrupt  # noqa: E402
 from tools.lobe_blender import SetupError, enable_lobe  # noqa: E402
 
 WRITERS = (".png", ".exr")
@@ -55,8 +61,15 @@ def output_path(text: str) -> Path:
     return path
 
 
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the list of all options."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="render.py", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(prog="render.py", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("file", type=Path, metavar="FILE.blend")
     parser.add_argument("--engine", type=str.upper, choices=br.ENGINES, default="LOBE",
                         help="default: LOBE, whatever engine the file has")  # fmt: skip
@@ -116,6 +129,7 @@ def run(options: argparse.Namespace) -> dict:
 
     scene = prepare(options)
     with tqdm(total=1, unit=" samples", desc=options.engine.capitalize(), file=sys.stderr) as bar:
+        at_interrupt.append(lambda: os.write(2, b"\n"))  # the bar's line ends where it is
 
         def show(done: int, total: int) -> None:
             bar.total = total
@@ -127,12 +141,36 @@ def run(options: argparse.Namespace) -> dict:
         bar.total = max(int(report["samples"]), 1)
         bar.update(bar.total - bar.n)
     pixels = br.picture(scene, report)
-    for path in options.output:
-        if path.suffix.lower() == ".png":
-            br.save_png(scene, path)
-        else:
-            br.save_exr(path, pixels, metadata(options, report))
+    with whole_files(options.output) as unfinished:
+        for path in unfinished:
+            if path.suffix.lower() == ".png":
+                br.save_png(scene, path)
+            else:
+                br.save_exr(path, pixels, metadata(options, report))
     return report
+
+
+@contextlib.contextmanager
+def whole_files(paths: list[Path]) -> Iterator[list[Path]]:
+    """Gives paths to write to, each in the folder of one of `paths`; at the end they get those names, all together.
+
+    Whatever ends the block before that leaves what was there as it was.
+    """
+    places = [path.resolve() for path in paths]  # a link's target: the link itself stays
+    unfinished = [p.with_name(f".{p.stem[:40]}-{os.getpid()}-{i}{p.suffix}") for i, p in enumerate(places)]
+
+    def remove() -> None:
+        for path in unfinished:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+
+    at_interrupt.append(remove)
+    try:
+        yield unfinished
+        for path, place in zip(unfinished, places, strict=True):
+            path.replace(place)
+    finally:
+        remove()
 
 
 def metadata(options: argparse.Namespace, report: dict) -> dict[str, str | float | int]:
@@ -168,6 +206,7 @@ def main(arguments: list[str] | None = None) -> int:
             for path in options.output:
                 _check_output(path)
             enable_lobe()
+            at_interrupt.append(br.remove_temporary_files)
             report = run(options)
         except (br.ToolError, SetupError) as error:
             print(f"render.py: {error}", file=sys.stderr)
@@ -177,4 +216,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    end_on_interrupt("render.py")
     sys.exit(main())

@@ -6,6 +6,8 @@ The formulas are those of Blender's camera (blenkernel/intern/camera.cc) and of 
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
 
 from ...engine import Aperture, Camera, SceneError
@@ -13,6 +15,8 @@ from .notes import Notes
 from .units import aperture_radius, spot_lens
 
 MIN_FOCUS = 1e-5  # metres; a focus object at the camera itself would ask for zero
+NEW_SPOT_SIZE = pi / 4
+LIGHT_CLIP = 1e-5, 1e5  # metres, of a lamp as the camera; as in Cycles, blender/camera.cpp
 NO_CAMERA = "the scene has no camera: add one, or make one the active camera"
 
 
@@ -114,6 +118,9 @@ def _focus_point(dof) -> np.ndarray:
 
 
 def _light_as_camera(object_, transform: np.ndarray, render) -> Camera:
-    """Blender lets one look through a lamp: a spot's cone sets the lens, others see as through 50 mm."""
-    lens = spot_lens(object_.data.spot_size) if object_.data.type == "SPOT" else 50.0
-    return Camera(transform=transform, window=_window(36.0 / lens, "AUTO", 0.0, 0.0, render))
+    """Blender lets one look through a lamp: a spot's cone sets the lens. Cycles reads it of any lamp, where it is what
+    new lamps have: Python can't tell where a lamp was once a spot of another size."""
+    lens = spot_lens(getattr(object_.data, "spot_size", NEW_SPOT_SIZE))
+    start, end = LIGHT_CLIP
+    window = _window(36.0 / lens, "AUTO", 0.0, 0.0, render)
+    return Camera(transform=transform, window=window, clip_start=start, clip_end=end)

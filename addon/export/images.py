@@ -1,7 +1,7 @@
 """Pixels of Blender's images: read from their files with OpenImageIO, or from Blender where there is no file.
 
-Pixels come out scene-linear, row 0 at the bottom. Missing files give None: the caller draws them magenta, as Blender
-does, and names them.
+Pixels come out scene-linear, row 0 at the bottom. Images that can't be shown give None: the caller draws them magenta,
+as Blender does, and says what `Images.problem` says.
 """
 
 from __future__ import annotations
@@ -22,11 +22,23 @@ LINEAR_SPACES = {"Linear", "Linear Rec.709", "Non-Color", "Raw", "Generic Data",
 SRGB_SPACES = {"sRGB"}
 
 
+FILES = ("FILE", "SEQUENCE", "TILED", "MOVIE")
+UNREADABLE = "cannot be read: its file is damaged or of an unknown format"
+# Alpha modes that leave the colour alone.
+APART = ("NONE", "CHANNEL_PACKED")
+
+
 class Pixels(NamedTuple):
-    """color : (H, W, 3) float32, scene-linear, not multiplied with alpha; alpha : (H, W) float32 or None."""
+    """What `Images` gives, and what it reads before that: then the colour is in its own space, bytes as uint8.
+
+    color     (H, W, 3) float32, scene-linear
+    alpha     (H, W) float32, or None
+    straight  whether the colour is not multiplied with alpha
+    """
 
     color: np.ndarray
     alpha: np.ndarray | None
+    straight: bool = True
 
 
 class Images:
@@ -35,45 +47,65 @@ class Images:
     def __init__(self, notes, stop: Stop) -> None:
         self._notes = notes
         self._stop = stop
-        self._pixels: dict = {}
+        self._environments: dict = {}
         self._averages: dict = {}
+        self._problems: dict = {}
 
-    def pixels(self, node) -> Pixels | None:
-        """Of the image that a texture node shows, None where it is missing."""
+    def environment(self, node) -> np.ndarray | None:
+        """(H, W, 3) float32 of the image that a texture node shows, multiplied with alpha, as Cycles does with
+        environment images; None where it can't be shown."""
         key = self._key(node)
-        if key not in self._pixels:
-            self._pixels[key] = None if node.image is None else self._read(node)
-        return self._pixels[key]
+        if key not in self._environments:
+            pixels = None if node.image is None else self._read(node, multiplied=True)
+            self._environments[key] = None if pixels is None else pixels.color
+        return self._environments[key]
 
     def average(self, node) -> np.ndarray | None:
         """(4,) mean colour, weighted by alpha, and mean alpha. The pixels are not kept."""
         key = self._key(node)
         if key not in self._averages:
-            pixels = self._pixels.get(key) or (None if node.image is None else self._read(node))
+            pixels = None if node.image is None else self._read(node)
             self._averages[key] = None if pixels is None else _average(pixels)
         return self._averages[key]
+
+    def problem(self, node) -> str:
+        """Why a node's image can't be shown: "image 'a.png' is missing"."""
+        return f"image '{node.image.name}' {self._problems.get(self._key(node), 'has no pixels')}"
 
     @staticmethod
     def _key(node) -> tuple:
         return (node.image.as_pointer(), node.image_user.frame_current) if node.image else (0, 0)
 
-    def _read(self, node) -> Pixels | None:
+    def _read(self, node, multiplied: bool = False) -> Pixels | None:
         self._stop.check()
         image = node.image
-        path = image_path(image, node.image_user)
-        from_file = image.source in ("FILE", "SEQUENCE", "TILED") and not image.packed_files
-        pixels = None
-        if from_file:
-            if not os.path.isfile(path):
-                return None
-            pixels = read_file(path)
-        if pixels is None:
+        from_file = image.source in FILES and not image.packed_files
+        path = image_path(image, node.image_user) if from_file else ""
+        problem = file_problem(path) if from_file else ""
+        pixels = read_file(path) if from_file and not problem and image.source != "MOVIE" else None
+        if pixels is None and not problem:
             pixels = read_datablock(image)
-            if pixels is None:
-                return None
-            if image.is_float:  # Blender has converted these already.
+            if pixels is not None and image.is_float:  # Blender has converted these already.
                 return pixels
-        return Pixels(self._to_linear(image, pixels.color), pixels.alpha)
+            problem = UNREADABLE if image.source in FILES else "has no pixels"
+        if pixels is None:
+            self._problems[self._key(node)] = problem
+            return None
+        return self._converted(image, pixels, multiplied)
+
+    def _converted(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
+        """Scene-linear. Cycles multiplies sRGB with alpha before it decodes it, bytes as bytes; others afterwards."""
+        color, alpha, straight = pixels
+        apart = image.alpha_mode in APART or image.colorspace_settings.is_data
+        if not multiplied or alpha is None or not straight or apart:
+            return pixels._replace(color=self._to_linear(image, color))
+        if image.colorspace_settings.name not in SRGB_SPACES:
+            return Pixels(self._to_linear(image, color) * alpha[..., None], alpha, straight=False)
+        if color.dtype == np.uint8:
+            color = (color * np.rint(alpha * 255).astype(np.uint16)[..., None] // 255).astype(np.uint8)
+        else:
+            color = color * alpha[..., None]
+        return Pixels(self._to_linear(image, color), alpha, straight=False)
 
     def _to_linear(self, image, color: np.ndarray) -> np.ndarray:
         """(H, W, 3) float32, of float values or of bytes."""
@@ -92,6 +124,15 @@ class Images:
             self._notes.warn("image", image.name, f"colour space '{space}' is not supported, read as sRGB")
             return srgb_to_linear(color)
         return converted
+
+
+def file_problem(path: str) -> str:
+    """What is wrong with a file before anybody reads it; empty if nothing is."""
+    if os.path.isdir(path):
+        return "is a folder"
+    if not os.path.isfile(path):
+        return "is missing"
+    return "" if os.path.getsize(path) else "is an empty file"
 
 
 def image_path(image, user=None) -> str:
@@ -117,10 +158,11 @@ def read_file(path: str) -> Pixels | None:
         return None
     spec = source.spec()
     data = source.read_image(0, 0, 0, min(spec.nchannels, 4), "uint8" if str(spec.format) == "uint8" else "float")
+    straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
     source.close()
     if data is None:
         return None
-    return _split(data.reshape(spec.height, spec.width, -1)[::-1])
+    return _split(data.reshape(spec.height, spec.width, -1)[::-1], straight)
 
 
 def read_datablock(image) -> Pixels | None:
@@ -132,16 +174,18 @@ def read_datablock(image) -> Pixels | None:
         return None
     flat = np.empty(width * height * channels, np.float32)
     image.pixels.foreach_get(flat)
-    return _split(flat.reshape(height, width, channels))
+    if not image.is_float:
+        flat = np.rint(flat * 255).astype(np.uint8)
+    return _split(flat.reshape(height, width, channels), straight=not image.is_float)
 
 
-def _split(data: np.ndarray) -> Pixels:
+def _split(data: np.ndarray, straight: bool) -> Pixels:
     channels = data.shape[2]
     color = data[..., :3] if channels >= 3 else np.repeat(data[..., :1], 3, axis=2)
     alpha = data[..., channels - 1] if channels in (2, 4) else None
     if alpha is not None and alpha.dtype == np.uint8:
         alpha = alpha / np.float32(255)
-    return Pixels(np.ascontiguousarray(color), alpha)
+    return Pixels(np.ascontiguousarray(color), alpha, straight)
 
 
 def _average(pixels: Pixels) -> np.ndarray:

@@ -133,6 +133,9 @@ class Placement:
         if not visibility:
             self._notes.skip("object", object_.name, "it is hidden from every ray")
             return NOTHING
+        if subdivides_adaptively(object_):
+            what = "adaptive subdivision is not supported, subdivided as often as its modifier says"
+            self._notes.warn("object", object_.name, what)
         mesh = self._mesh(item.instance_object or object_, object_.data)
         if mesh < 0:
             return NOTHING
@@ -224,6 +227,16 @@ def matrices_one_by_one(items, count: int, stop: Stop) -> np.ndarray:
 
 def is_deferred(owner, data) -> bool:
     return "position" not in data.attributes or any(modifier.type == "SUBSURF" for modifier in owner.modifiers)
+
+
+def subdivides_adaptively(object_) -> bool:
+    """Ticked in the modifier from Blender 5.0 on. Before that in Cycles' properties of the object, which are read as
+    plain data: asking for the group makes one on an evaluated object, and nobody frees it."""
+    modifiers = [modifier for modifier in object_.modifiers if modifier.type == "SUBSURF" and modifier.show_render]
+    if not modifiers:
+        return False
+    of_object = bool((object_.get("cycles") or {}).get("use_adaptive_subdivision", False))
+    return any(getattr(modifier, "use_adaptive_subdivision", of_object) for modifier in modifiers)
 
 
 def links_light(object_) -> bool:

@@ -1,5 +1,8 @@
 """Lamps: one converter for each of Blender's light types, in `LIGHT_CONVERTERS`.
 
+A parent's uneven scale can shear a rotated lamp. The engine takes its shape as that leaves it, and Cycles takes parts
+of it as if its axes were still at right angles: such lamps are named.
+
 A lamp is exported with Blender's strength (see units.py) times its colour and, where it has a node tree, times what
 that emits. Lamps that give no light are left out and listed in `Scene.skipped`.
 """
@@ -18,6 +21,8 @@ from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output
 from .materials.values import Evaluator
 from .notes import Notes
+
+SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
 
 
 def export_light(object_, matrix: np.ndarray, visibility: Visibility, notes: Notes) -> Lamp | None:
@@ -39,8 +44,22 @@ def export_light(object_, matrix: np.ndarray, visibility: Visibility, notes: Not
     if not visibility & ~Visibility.SHADOW:
         notes.skip("light", name, "it is hidden from every ray")
         return None
+    if data.type in ("AREA", "SPOT"):
+        _note_shape(data.type, name, matrix[:, :3], notes)
     common = {"name": name, "transform": matrix, "visibility": visibility, "cast_shadow": bool(data.use_shadow)}
     return convert(data, color, strength, common, notes)
+
+
+def _note_shape(kind: str, name: str, axes: np.ndarray, notes: Notes) -> None:
+    """Names an area or spot lamp whose axes (columns, (3, 3)) Cycles reads in another way."""
+    lengths = np.linalg.norm(axes, axis=0)
+    if not lengths.all():
+        if kind == "SPOT":  # an area lamp without area is left out
+            notes.warn("light", name, "its scale is zero, which leaves no cone to shine through: set it above 0")
+        return
+    cosines = np.abs((axes / lengths).T @ (axes / lengths) - np.eye(3))
+    if cosines.max() > SHEAR:
+        notes.warn("light", name, "it is sheared by its parents, which Cycles lights otherwise: apply their scale")
 
 
 def light_color(data, name: str, notes: Notes) -> np.ndarray:

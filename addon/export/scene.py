@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+
+import bpy
 
 from ...engine import Scene
 from .camera import border, export_camera, resolution
@@ -34,9 +37,10 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
     stopping = Stop(stop)
     images = Images(notes, stopping)
     camera = export_camera(scene, notes)
-    materials = MaterialTable(notes, images, override=view_layer.material_override)
+    materials = MaterialTable(notes, images, override=view_layer.material_override, stop=stopping)
     placement = Placement(depsgraph, materials, notes, stopping)
     world = export_world(getattr(view_layer, "world_override", None) or scene.world, notes, images)
+    note_libraries(notes)
     note_scene(render, notes)
     note_passes(view_layer, notes)
     return Scene(
@@ -54,6 +58,15 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
         skipped=notes.skipped,
         warnings=notes.warnings,
     )
+
+
+def note_libraries(notes: Notes) -> None:
+    """Names linked files that are gone: Blender left out what was in them when it opened the file."""
+    for library in bpy.data.libraries:
+        path = bpy.path.abspath(library.filepath, library=library.parent)
+        held_here = library.packed_file is not None or getattr(library, "is_archive", False)
+        if not held_here and not os.path.isfile(path):
+            notes.warn("library", library.filepath, "it is missing, and so is what is linked from it")
 
 
 def note_scene(render, notes: Notes) -> None:

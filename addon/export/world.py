@@ -101,23 +101,28 @@ class Environment:
 
     def texture(self, evaluator: Evaluator, slot: Slot) -> np.ndarray | None:
         node = slot.node
-        pixels = self._images.pixels(node)
+        pixels = self._images.environment(node)
         if pixels is None:
-            shown = f"image '{node.image.name}' is missing" if node.image else f"{node_label(node)} has no image"
-            self._note(f"{shown}, drawn magenta")
+            why = self._images.problem(node) if node.image else f"{node_label(node)} has no image"
+            self._note(f"{why}, drawn magenta")
             return np.array(MISSING)
+        if is_moved(node.texture_mapping):
+            self._note(f"the texture mapping of {node_label(node)} is not supported, left out: use a Mapping node")
         if node.bl_idname != "ShaderNodeTexEnvironment" or node.projection != "EQUIRECTANGULAR":
-            return self._average(node, "is not an equirectangular environment")
+            return self._average(node, pixels, "is not an equirectangular environment")
+        if node.interpolation != "Linear":
+            kind = f"interpolation '{node.interpolation}' of image '{node.image.name}'"
+            self._note(f"{kind} is not supported, drawn as 'Linear'")
         rotation = self._rotation(evaluator, slot)
         if self._shape is None:
-            self._shape, self.rotation = pixels.color.shape, rotation
-        elif self._shape != pixels.color.shape or not np.allclose(rotation, self.rotation):
-            return self._average(node, "is a second environment of another size or rotation")
-        return pixels.color
+            self._shape, self.rotation = pixels.shape, rotation
+        elif self._shape != pixels.shape or not np.allclose(rotation, self.rotation):
+            return self._average(node, pixels, "is a second environment of another size or rotation")
+        return pixels
 
-    def _average(self, node, why: str) -> np.ndarray:
+    def _average(self, node, pixels: np.ndarray, why: str) -> np.ndarray:
         self._note(f"image '{node.image.name}' {why}, its average colour is drawn")
-        return self._images.average(node)[:3]
+        return np.nan_to_num(pixels, posinf=0.0, neginf=0.0).mean(axis=(0, 1), dtype=np.float64)
 
     def _rotation(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
         """(3, 3) from a world direction to the one that is looked up, through any number of Mapping nodes."""
@@ -142,6 +147,13 @@ class Environment:
             scale = np.ones(3)
         signs = np.diag(np.sign(scale))
         return signs @ rotation.T if kind == "TEXTURE" else rotation @ signs
+
+
+def is_moved(mapping) -> bool:
+    """Whether a texture node's own mapping, which files of old Blenders have, changes anything."""
+    axes = (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z)
+    plain = axes == ("X", "Y", "Z") and not (mapping.use_min or mapping.use_max)
+    return not plain or any(mapping.translation) or any(mapping.rotation) or tuple(mapping.scale) != (1.0, 1.0, 1.0)
 
 
 def is_direction(slot: Slot) -> bool:

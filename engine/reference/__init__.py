@@ -45,8 +45,10 @@ def render_reference(
     def picture() -> np.ndarray | None:
         if not count.any():
             return None
-        colour = light * scene.exposure
-        return (np.column_stack([colour, alpha]) / np.maximum(count, 1)[:, None]).reshape(height, width, 4).astype("f4")
+        out, weight = np.empty((pixels, 4), np.float32), 1 / np.maximum(count, 1)
+        np.multiply(light, (weight * scene.exposure)[:, None], out=out[:, :3], casting="same_kind")
+        np.multiply(alpha, weight, out=out[:, 3], casting="same_kind")
+        return out.reshape(height, width, 4)
 
     def report(done: int, message: str) -> None:
         if progress:

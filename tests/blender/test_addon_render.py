@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import engine
+from tools import blender_render
 from tools.lobe_blender import MODULE
 
 
@@ -163,6 +164,26 @@ def test_report(simple_scene, fake, report) -> None:
     assert report["seconds"]["render"] == pytest.approx(0.2)
     assert report["peak_memory_mb"] > 10.0
     assert report["skipped"] == [] and report["rejected"] == 0 and not report["stopped"]
+
+
+def test_rejected_samples_are_told_once(simple_scene, fake, session, report, monkeypatch, capfd) -> None:
+    original = session.lobe.render
+    sentence = "7 samples were not finite numbers and were left out"
+
+    def render(*arguments, **options):
+        result = original(*arguments, **options)
+        result.rejected, result.warnings = 7, [sentence]  # as engine/schedule.py has it
+        return result
+
+    monkeypatch.setattr(session.lobe, "render", render)
+    told = blender_render.render(simple_scene)["warnings"]
+    assert [warning for warning in told if "not finite" in warning] == [sentence]
+    lines = [line for line in capfd.readouterr().out.splitlines() if "finite" in line]
+    assert lines == [
+        f"Warning: Lobe: {sentence}",
+        "Warning: Lobe: samples that are not finite come from a light or an emission too strong to calculate with. "
+        "Where there is none, this is a bug in Lobe",
+    ]
 
 
 def test_metadata_in_the_file(simple_scene, fake, rendered, tmp_path) -> None:

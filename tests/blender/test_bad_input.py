@@ -169,6 +169,28 @@ def test_a_missing_environment_is_magenta_and_named(scene, reported, rendered) -
     assert np.allclose(rendered(scene)[..., :3], (1, 0, 1), atol=1e-4)
 
 
+def test_a_missing_library_is_named(scene, reported, tmp_path) -> None:
+    path = tmp_path / "trees.blend"
+    bpy.data.libraries.write(str(path), {add_object("Tree", plane_mesh(name="Crown"))})
+    bpy.data.objects.remove(bpy.data.objects["Tree"])
+    with bpy.data.libraries.load(str(path), link=True) as (_, into):
+        into.objects = ["Tree"]
+    scene.collection.objects.link(into.objects[0])
+    assert reported() == []
+    path.unlink()
+    gone = f"Warning: Lobe: library '{path}': it is missing, and so is what is linked from it"
+    assert reported() == [gone]
+
+
+def test_adaptive_subdivision_is_named(scene, reported) -> None:
+    modifier = bpy.data.objects["Table"].modifiers.new("Subdivision", "SUBSURF")
+    before_5_0 = not hasattr(modifier, "use_adaptive_subdivision")
+    owner = bpy.data.objects["Table"].cycles if before_5_0 else modifier
+    owner.use_adaptive_subdivision = True
+    what = "adaptive subdivision is not supported, subdivided as often as its modifier says"
+    assert reported() == [f"Warning: Lobe: object 'Table': {what}"]
+
+
 @pytest.mark.parametrize("smooth", [False, True])
 def test_faces_without_area(scene, reported, rendered, smooth: bool) -> None:
     """Some in a point, some in a line, one of them glowing: they show nothing and harm nothing."""

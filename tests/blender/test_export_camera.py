@@ -157,3 +157,14 @@ def test_looking_through_a_spot():
     window = export_scene(depsgraph()).camera.window
     frame = 36 / (16 / np.tan(0.5)) / 2
     assert window == pytest.approx((-frame, frame, -frame, frame))
+
+
+def test_looking_through_another_lamp():
+    """As through a spot that is as wide as a new one."""
+    picture(100, 100)
+    bpy.context.scene.camera = add_object("Sun", bpy.data.lights.new("Sun", "SUN"))
+    through_sun = export_scene(depsgraph()).camera
+    bpy.context.scene.camera = add_object("Spot", bpy.data.lights.new("Spot", "SPOT"))
+    through_spot = export_scene(depsgraph()).camera
+    assert through_sun.window == pytest.approx(through_spot.window)
+    assert (through_sun.clip_start, through_sun.clip_end) == (1e-5, 1e5)

@@ -263,6 +263,35 @@ def test_visibility_and_shadow():
     assert not light.visibility & (engine.Visibility.CAMERA | engine.Visibility.GLOSSY)
 
 
+SHEARED = "light 'Lamp': it is sheared by its parents, which Cycles lights otherwise: apply their scale"
+
+
+@pytest.mark.parametrize(
+    ("kind", "rotation", "warnings"),
+    [
+        ("AREA", (0.3, -0.2, 0.4), [SHEARED]),
+        ("SPOT", (0.3, -0.2, 0.4), [SHEARED]),
+        ("AREA", (0, 0, 0), []),  # turned no way, it is only stretched
+        ("SPOT", (0, np.pi / 2, 0), []),
+        ("POINT", (0.3, -0.2, 0.4), []),
+        ("SUN", (0.3, -0.2, 0.4), []),
+    ],
+)
+def test_sheared_lamps_are_named(kind, rotation, warnings):
+    add_camera()
+    lamp = new_light(kind, rotation=rotation)
+    lamp.parent = add_object("Stretched", None, scale=(1, 0.4, 1.3))
+    assert export_scene(depsgraph()).warnings == warnings
+
+
+def test_a_spot_without_a_cone_is_named():
+    add_camera()
+    new_light("SPOT", scale=(0, 0, 0))
+    assert export_scene(depsgraph()).warnings == [
+        "light 'Lamp': its scale is zero, which leaves no cone to shine through: set it above 0"
+    ]
+
+
 def test_lamps_of_an_instanced_collection():
     add_camera()
     collection = bpy.data.collections.new("Lamps")

@@ -9,6 +9,7 @@ from bl_ext.user_default.lobe import engine
 from bl_ext.user_default.lobe.addon.export import export_scene, units
 from bl_ext.user_default.lobe.addon.export.materials.nodes_color import BLEND
 from bl_ext.user_default.lobe.addon.export.materials.nodes_math import MATH, VECTOR_MATH
+from bl_ext.user_default.lobe.addon.export.materials.shaders_principled import FIXED_GLOSS
 from bl_ext.user_default.lobe.addon.phong_group import phong_group
 
 from tests.blender.export_checks import add_camera, add_object, cycles_picture, depsgraph, new_material, plane_mesh
@@ -174,7 +175,30 @@ def test_principled_ends():
         new_material("Glow", "ShaderNodeBsdfPrincipled", Emission_Color=(1, 0.5, 0, 1), Emission_Strength=2.0)[0]
     )
     assert glow.emission == pytest.approx((2, 1, 0))
-    assert warnings == [DARKER_RIM.replace("'M'", "'Metal'")]
+    # Of the gloss of the third, once for the picture; the first has none.
+    assert warnings == [DARKER_RIM.replace("'M'", "'Metal'"), FIXED_GLOSS]
+
+
+def test_principled_base_colour_above_one_is_kept_where_cycles_keeps_it():
+    """In what is diffuse; metal and what light passes through are limited to all of it."""
+    inputs = {"Base_Color": (1.7, 0.3, 0.2, 1), "Specular_IOR_Level": 0.0}
+    plain, warnings = exported(new_material("Plain", "ShaderNodeBsdfPrincipled", **inputs)[0])
+    assert plain.kd == pytest.approx((1.7, 0.3, 0.2)) and warnings == []
+    metal, _ = exported(new_material("Metal", "ShaderNodeBsdfPrincipled", Metallic=1.0, **inputs)[0])
+    assert metal.ks[0] == pytest.approx(1.0) and metal.kd == (0, 0, 0)
+    clear, _ = exported(new_material("Clear", "ShaderNodeBsdfPrincipled", Transmission_Weight=1.0, **inputs)[0])
+    assert np.all(np.array(clear.transparency) + clear.ks <= 1.0)
+
+
+@pytest.mark.parametrize("strength", [1e39, 1e31])
+def test_endless_emission_is_refused_by_name(strength):
+    """Blender turns 1e39 into the largest number that it can hold."""
+    material, emission = new_material("M", "ShaderNodeEmission", Color=(1, 1, 1, 1))
+    value = material.node_tree.nodes.new("ShaderNodeValue")
+    value.outputs[0].default_value = strength
+    material.node_tree.links.new(value.outputs[0], emission.inputs["Strength"])
+    with pytest.raises(engine.SceneError, match=r"material 'M': its emission is \S+; set it to 1e30 or less"):
+        exported(material)
 
 
 def test_principled_names_what_it_leaves_out():
@@ -330,6 +354,42 @@ def test_textures_are_drawn_in_their_average_colour(tmp_path):
     assert warnings == ["material 'M': image 'Half' is not mapped, its average colour is drawn"]
 
 
+def see_through(alpha_mode: str, outputs):
+    """A square that shines with these outputs of an image of which half is clear, as colour and strength."""
+    image = bpy.data.images.new("Half", 8, 4, alpha=True)
+    pixels = np.zeros((4, 8, 4), np.float32)
+    pixels[:, :4] = (1.0, 0.5, 0.25, 1.0)
+    image.pixels.foreach_set(pixels.ravel())
+    image.alpha_mode = alpha_mode
+    image.pack()
+    material, emission = new_material("M", "ShaderNodeEmission", Color=(1, 1, 1, 1), Strength=1)
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image, texture.interpolation = image, "Closest"
+    for output in outputs:
+        into = "Strength" if output == "Alpha" else "Color"
+        material.node_tree.links.new(texture.outputs[output], emission.inputs[into])
+    mesh = plane_mesh(0.5)
+    mesh.uv_layers.new().data.foreach_set("uv", (0, 0, 1, 0, 1, 1, 0, 1))
+    mesh.materials.append(material)
+    add_object("Plane", mesh)
+    add_camera(type="ORTHO", ortho_scale=1)
+    return export_scene(depsgraph())
+
+
+@pytest.mark.parametrize("alpha_mode", ["STRAIGHT", "PREMUL", "CHANNEL_PACKED", "NONE"])
+@pytest.mark.parametrize("outputs", [("Color",), ("Color", "Alpha"), ("Alpha",)])
+def test_alpha_counts_as_in_cycles(alpha_mode, outputs, tmp_path):
+    """Its average over the picture. Cycles leaves a colour multiplied with an alpha that nobody asks for."""
+    scene = see_through(alpha_mode, outputs)
+    expected = cycles_picture(16, 16, 1, tmp_path).mean(axis=(0, 1))
+    darkened = outputs == ("Color",) and alpha_mode in ("STRAIGHT", "PREMUL")
+    if "Color" not in outputs or alpha_mode in ("STRAIGHT", "PREMUL"):  # Else what is clear counts in Cycles' average.
+        assert scene.materials[1].emission == pytest.approx(list(expected), abs=2e-3)
+    assert scene.warnings == ["material 'M': image 'Half' is not mapped, its average colour is drawn"] + darkened * [
+        "material 'M': image 'Half' has alpha that is not linked: its colour is drawn times its average alpha"
+    ]
+
+
 def test_missing_images_are_magenta_and_named():
     image = bpy.data.images.new("lost.png", 4, 2)
     image.source, image.filepath = "FILE", "//lost.png"
@@ -362,6 +422,7 @@ VALUES = [
     *(("ShaderNodeMath", {"operation": name}, [0.7, 0.4, 0.3], 0) for name in MATH),
     *(("ShaderNodeMath", {"operation": name}, [-2.3, 1.7, 0.2], 0) for name in MATH),
     *(("ShaderNodeMath", {"operation": name}, [0.0, 0.0, 0.0], 0) for name in MATH),
+    *(("ShaderNodeWavelength", {}, [t], 0) for t in (370, 400, 452.5, 500, 550, 600, 700, 790)),
     ("ShaderNodeMath", {"operation": "MULTIPLY", "use_clamp": True}, [2.0, 3.0], 0),
     *(
         ("ShaderNodeVectorMath", {"operation": name}, [(0.7, -0.4, 0.3), (0.2, 0.9, 0.5), (0.1, 0.6, -0.2), 0.7], out)

@@ -162,6 +162,71 @@ def test_image_file(suffix, space, tmp_path):
     assert_as_in_cycles(tmp_path)
 
 
+def image_with_alpha(folder, space: str, kind: str, suffix: str = "png"):
+    """A file of smooth colours and smooth alpha, neither near 0 nor 1 everywhere."""
+    import OpenImageIO as oiio
+
+    u, v = np.meshgrid((np.arange(64) + 0.5) / 64 * 2 * np.pi, (np.arange(32) + 0.5) / 32)
+    waves = np.sin(np.pi * v) * np.array([np.cos(u), np.sin(u), -np.cos(u), np.cos(u + 1)])
+    path = str(folder / f"sky.{suffix}")
+    file = oiio.ImageOutput.create(path)
+    spec = oiio.ImageSpec(64, 32, 4, kind)
+    spec.attribute("oiio:UnassociatedAlpha", int(suffix != "exr"))
+    file.open(path, spec)
+    file.write_image(np.ascontiguousarray((0.55 + 0.4 * waves).transpose(1, 2, 0).astype(np.float32)))
+    file.close()
+    image = bpy.data.images.load(path)
+    image.colorspace_settings.name = space
+    return image
+
+
+@pytest.mark.parametrize(
+    ("space", "kind", "suffix", "mode"),
+    [
+        ("sRGB", "uint8", "png", "STRAIGHT"),
+        ("sRGB", "uint16", "png", "STRAIGHT"),
+        ("sRGB", "uint8", "png", "CHANNEL_PACKED"),
+        ("sRGB", "uint8", "png", "NONE"),
+        ("Linear Rec.709", "uint8", "png", "STRAIGHT"),
+        ("Non-Color", "uint8", "png", "STRAIGHT"),
+        ("Linear Rec.709", "float", "exr", "PREMUL"),
+    ],
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_alpha_of_an_environment(space, kind, suffix, mode, packed, tmp_path):
+    """Its colour counts as multiplied with alpha."""
+    tree, background = new_world()
+    image = image_with_alpha(tmp_path, space, kind, suffix)
+    image.alpha_mode = mode
+    if packed:
+        image.pack()
+    add_environment(tree, background, image)
+    assert_as_in_cycles(tmp_path)
+
+
+@pytest.mark.parametrize("interpolation", ["Closest", "Cubic", "Smart"])
+def test_interpolation_is_named(interpolation):
+    tree, background = new_world()
+    add_environment(tree, background, smooth_image()).interpolation = interpolation
+    add_camera()
+    assert export_scene(depsgraph()).warnings == [
+        f"world 'World': interpolation '{interpolation}' of image 'Sky' is not supported, drawn as 'Linear'"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("rotation", (0, 0, 1)), ("translation", (1, 0, 0)), ("scale", (1, 1, 2)), ("mapping_x", "NONE")],
+)
+def test_a_nodes_own_mapping_is_named(name, value):
+    tree, background = new_world()
+    setattr(add_environment(tree, background, smooth_image()).texture_mapping, name, value)
+    add_camera()
+    assert export_scene(depsgraph()).warnings == [
+        "world 'World': the texture mapping of Environment Texture is not supported, left out: use a Mapping node"
+    ]
+
+
 def test_broken_pixels_are_black():
     tree, background = new_world()
     image = bpy.data.images.new("Broken", 2, 2, float_buffer=True)
@@ -183,6 +248,27 @@ def test_missing_image_is_magenta_and_named():
     scene = export_scene(depsgraph())
     assert scene.world.color == (1.0, 0.0, 1.0) and scene.world.image is None
     assert scene.warnings == ["world 'World': image 'lost.hdr' is missing, drawn magenta"]
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (None, "is a folder"),
+        (b"", "is an empty file"),
+        (b"no picture", "cannot be read: its file is damaged or of an unknown format"),
+    ],
+)
+def test_a_file_that_is_no_image_is_magenta_and_named(content, problem, tmp_path):
+    tree, background = new_world()
+    path = tmp_path / "sky.png"
+    path.mkdir() if content is None else path.write_bytes(content)
+    image = bpy.data.images.new("sky.png", 4, 2)
+    image.source, image.filepath = "FILE", str(path)
+    add_environment(tree, background, image)
+    add_camera()
+    scene = export_scene(depsgraph())
+    assert scene.world.color == (1.0, 0.0, 1.0) and scene.world.image is None
+    assert scene.warnings == [f"world 'World': image 'sky.png' {problem}, drawn magenta"]
 
 
 def test_environment_node_without_image():

@@ -5,9 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ....engine import DEFAULT_MATERIAL, Material
+from ....engine import DEFAULT_MATERIAL, Material, SceneError
 from ..images import MISSING, Images
 from ..notes import Notes
+from ..stop import Stop
 from .surface import Walk, merge_lobes
 from .tree import Slot, find_input, shader_output, source
 from .values import Evaluator, node_label
@@ -26,14 +27,19 @@ NEAREST = {
 }
 
 
+# W/(m2 sr), of any channel. The sun's disk shines with 1e7; far above the limit, sums of float32 are infinite.
+BRIGHTEST = float(np.float32(1e30))
+
+
 class MaterialTable:
     """Materials in the order they were first asked for; index 0 is the default of objects without any."""
 
-    def __init__(self, notes: Notes, images: Images, override=None) -> None:
+    def __init__(self, notes: Notes, images: Images, override=None, stop: Stop | None = None) -> None:
         self.materials: list[Material] = [DEFAULT_MATERIAL]
         self._notes = notes
         self._images = images
         self._override = override  # The view layer's material override, which replaces all others.
+        self._stop = stop or Stop()
         self._known: dict[int, int] = {}
 
     def index(self, material) -> int:
@@ -44,11 +50,11 @@ class MaterialTable:
         key = material.as_pointer()
         if key not in self._known:
             self._known[key] = len(self.materials)
-            self.materials.append(export_material(material, self._notes, self._images))
+            self.materials.append(export_material(material, self._notes, self._images, self._stop))
         return self._known[key]
 
 
-def export_material(material, notes: Notes, images: Images) -> Material:
+def export_material(material, notes: Notes, images: Images, stop: Stop) -> Material:
     name = material.name_full  # With the library's name where it is linked: names may then be equal.
     if not uses_nodes(material):
         return Material(name, kd=tuple(material.diffuse_color[:3]))
@@ -60,17 +66,21 @@ def export_material(material, notes: Notes, images: Images) -> Material:
     if output is None:
         note("it has no output node, drawn black")
         return Material(name)
+    if output.target == "EEVEE":
+        note("its output is for EEVEE only: drawn here, black in Cycles")
     _note_linked(output, "Volume", "volumes are not supported and left out", note)
     _note_linked(output, "Displacement", "displacement is not supported, the surface stays as it is", note)
 
     def texture(_evaluator, slot: Slot) -> np.ndarray:
         return average_color(slot, images, note)
 
-    walk = Walk(Evaluator(note, texture, NEAREST))
+    walk = Walk(Evaluator(note, texture, NEAREST, stop.check), notes.warn_scene)
     surface = walk.surface(Slot(find_input(output, "Surface")))
     ks, exponent = merge_lobes(surface.lobes, note)
     if surface.transparency.max() > 1.0 + 1e-6:
         note("it lets through more light than there is, limited to all of it")
+    if surface.emission.max() > BRIGHTEST:
+        raise SceneError(f"material {name!r}: its emission is {surface.emission.max():.3g}; set it to 1e30 or less")
     return Material(
         name,
         kd=rgb(surface.diffuse),
@@ -93,12 +103,29 @@ def average_color(slot: Slot, images: Images, note) -> np.ndarray:
     image = slot.node.image
     mean = images.average(slot.node)
     if mean is None:
-        shown = f"image '{image.name}' is missing" if image else f"{node_label(slot.node)} has no image"
-        note(f"{shown}, drawn magenta")
+        why = images.problem(slot.node) if image else f"{node_label(slot.node)} has no image"
+        note(f"{why}, drawn magenta")
         mean = np.array([*MISSING, 1.0])
     else:
         note(f"image '{image.name}' is not mapped, its average colour is drawn")
-    return mean[3:] if slot.socket.identifier == "Alpha" else mean[:3]
+    color, alpha = mean[:3], mean[3:]
+    if mean[3] < 1.0 and image.alpha_mode == "NONE":
+        alpha = np.ones(1)
+    elif mean[3] < 1.0 and darkened_by_alpha(slot.node):
+        color = color * alpha
+        note(f"image '{image.name}' has alpha that is not linked: its colour is drawn times its average alpha")
+    return alpha if slot.socket.identifier == "Alpha" else color
+
+
+def darkened_by_alpha(node) -> bool:
+    """Whether Cycles leaves an image's colour multiplied with its alpha: nobody asks for the alpha by itself."""
+    image = node.image
+    if node.bl_idname != "ShaderNodeTexImage" or node.outputs["Alpha"].is_linked:
+        return False
+    if image.alpha_mode not in ("STRAIGHT", "PREMUL") or image.colorspace_settings.is_data:
+        return False
+    from_file = image.source in ("FILE", "SEQUENCE", "TILED") and not image.packed_files
+    return from_file or not image.is_float  # Blender holds floats multiplied already.
 
 
 def _note_linked(output, name: str, sentence: str, note) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..units import blackbody_rgb, mean_fresnel
+from .cie import wavelength_rgb
 from .tree import Slot
 from .values import Evaluator, node_label, own_value, value_node
 
@@ -17,6 +18,18 @@ def constant(evaluator: Evaluator, slot: Slot) -> np.ndarray:
 @value_node("ShaderNodeBlackbody")
 def blackbody(evaluator: Evaluator, slot: Slot) -> np.ndarray:
     return blackbody_rgb(evaluator.number(slot.input("Temperature")))
+
+
+@value_node("ShaderNodeWavelength")
+def wavelength(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    return wavelength_rgb(evaluator.number(slot.input("Wavelength")))
+
+
+@value_node("ShaderNodeGroup")
+def group(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    """Only groups without an output end here: `source` walks through all others."""
+    evaluator.note(f"node group '{slot.node.name}' has no output, which counts as black")
+    return np.zeros(3)
 
 
 @value_node("ShaderNodeFresnel")

@@ -11,7 +11,8 @@ kernel/svm/closure.h, for the order of the layers):
     emission = a * strength * colour
     exponent = 2 / roughness^4 - 2
 
-kd + ks + transparency <= 1 for every input. Coat, sheen, subsurface, thin film and anisotropy are named when used.
+kd + ks + transparency <= 1 for every base colour up to 1. One above is kept in kd, where Cycles keeps it too, and
+counts as 1 in the rest. Coat, sheen, subsurface, thin film and anisotropy are named when used.
 """
 
 from __future__ import annotations
@@ -33,6 +34,12 @@ LEFT_OUT = {
 }
 
 
+FIXED_GLOSS = (
+    "Principled BSDF's gloss does not rise towards grazing angles here: its average over all angles is that of Cycles, "
+    "seen from one angle a surface can differ by a tenth"
+)
+
+
 def mean_metal(f0: np.ndarray, edge: np.ndarray) -> np.ndarray:
     """Hemispherical mean of the F82 tint model: Schlick's is f0 + (1 - f0) / 21, the tint takes its dip off.
 
@@ -51,7 +58,8 @@ def principled(walk: Walk, slot: Slot) -> Surface:
     for name, sentence in LEFT_OUT.items():
         if walk.number(slot, name) > 1e-5:
             walk.note(sentence)
-    base = np.minimum(walk.color(slot, "Base Color"), 1.0)
+    unlimited = walk.color(slot, "Base Color")
+    base = np.minimum(unlimited, 1.0)
     metallic = walk.fraction(slot, "Metallic")
     if metallic > 1e-5:
         walk.note_darker_rim()
@@ -65,7 +73,9 @@ def principled(walk: Walk, slot: Slot) -> Surface:
     share = walk.rough_share(slot)
     reflect = share * np.minimum((1.0 - transmission) * coated + transmission * mean_fresnel(ior), 1.0)
     ks = metallic * share * mean_metal(base, np.minimum(tint, 1.0)) + (1.0 - metallic) * reflect
-    kd = (1.0 - metallic) * (1.0 - transmission) * (1.0 - reflect) * base
+    kd = (1.0 - metallic) * (1.0 - transmission) * (1.0 - reflect) * unlimited
+    if alpha * (1.0 - metallic) * reflect.max() > 0.0:
+        walk.note_scene(FIXED_GLOSS)
 
     through = np.zeros(3)
     if transmission > 0.0 and metallic < 1.0:

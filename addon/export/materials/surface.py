@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..units import LUMINANCE, exponent_to_roughness, rough_share, roughness_to_exponent
+from .memo import Memo
 from .tree import Slot, source
 from .values import Evaluator, node_label
 
@@ -18,7 +19,7 @@ BLACK = np.zeros(3)
 class Surface:
     """A sum of lobes. Colours are (3,) arrays; in a world, `emission` may be an image (H, W, 3).
 
-    lobes  pairs of a reflectance and a Phong exponent
+    lobes  pairs of a reflectance and a Phong exponent, one for each exponent
     """
 
     diffuse: np.ndarray = field(default_factory=BLACK.copy)
@@ -27,9 +28,12 @@ class Surface:
     transparency: np.ndarray = field(default_factory=BLACK.copy)
 
     def __add__(self, other: Surface) -> Surface:
+        lobes = {exponent: ks for ks, exponent in self.lobes}
+        for ks, exponent in other.lobes:  # Not two of a kind: shaders that are mixed with themselves would double them.
+            lobes[exponent] = lobes[exponent] + ks if exponent in lobes else ks
         return Surface(
             self.diffuse + other.diffuse,
-            self.lobes + other.lobes,
+            tuple((ks, exponent) for exponent, ks in lobes.items()),
             self.emission + other.emission,
             self.transparency + other.transparency,
         )
@@ -57,36 +61,36 @@ def shader_node(*names: str):
 
 
 class Walk:
-    """Turns the shader sockets of one tree into surfaces; `values` evaluates the other sockets."""
+    """Turns the shader sockets of one tree into surfaces; `values` evaluates the other sockets.
 
-    def __init__(self, values: Evaluator) -> None:
+    note_scene  called with what holds for the whole picture, however many materials it is true of
+    """
+
+    def __init__(self, values: Evaluator, note_scene: Callable[[str], None] = lambda sentence: None) -> None:
         self.values = values
-        self._depth = 0
+        self.note_scene = note_scene
+        self._known = Memo(NOTHING, values.check)
 
     def note(self, sentence: str) -> None:
         self.values.note(sentence)
 
     def surface(self, slot: Slot | None) -> Surface:
-        """Of a shader input; black where nothing is linked."""
+        """Of a shader input; black where nothing is linked. What is no shader there shines, as in Cycles."""
         if slot is None:
             return NOTHING
         origin = source(slot)
+        if origin.socket.type != "SHADER":
+            return Surface(emission=self.values.color(slot))
         if not origin.socket.is_output:
             return NOTHING
-        node = origin.node
-        if node.mute:
-            return NOTHING
-        convert = SHADER_NODES.get(node.bl_idname)
+        return self._known.get(origin.key, lambda: self._convert(origin))
+
+    def _convert(self, slot: Slot) -> Surface:
+        convert = SHADER_NODES.get(slot.node.bl_idname)
         if convert is None:
-            self.note(f"{node_label(node)} is not supported, drawn as default grey")
+            self.note(f"{node_label(slot.node)} is not supported, drawn as default grey")
             return Surface(diffuse=np.full(3, 0.8))
-        if self._depth > 100:
-            return NOTHING
-        self._depth += 1
-        try:
-            return convert(self, origin)
-        finally:
-            self._depth -= 1
+        return convert(self, slot)
 
     def color(self, slot: Slot, name: str, default=(0.0, 0.0, 0.0)) -> np.ndarray:
         """A colour input of the slot's node, never negative."""

@@ -1,13 +1,16 @@
 """Walking node trees: what a socket is really fed by, through reroutes, muted nodes and group nodes.
 
-Knows nothing about what nodes mean; `values.py` and `shaders.py` do.
+Knows nothing about what nodes mean; `values.py` and `surface.py` do.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-MAX_DEPTH = 200  # Blender allows no cycles, but a broken file can hold one.
+import bpy
+
+# Blender 5.0 takes muted nodes and groups out of a tree before Cycles sees it; before, Cycles did that in its own way.
+INLINED = bpy.app.version >= (5, 0, 0)
 
 
 class Slot(NamedTuple):
@@ -20,6 +23,10 @@ class Slot(NamedTuple):
     def node(self):
         return self.socket.node
 
+    @property
+    def key(self) -> tuple:
+        return (self.socket.as_pointer(), *(group.as_pointer() for group in self.groups))
+
     def input(self, name: str) -> Slot | None:
         """An input of the same node by its identifier or name, None if this version of Blender lacks it."""
         socket = find_input(self.node, name)
@@ -27,6 +34,17 @@ class Slot(NamedTuple):
 
     def inputs(self) -> list[Slot]:
         return [Slot(socket, self.groups) for socket in self.node.inputs]
+
+
+class Route(NamedTuple):
+    """Where the value of an input comes from.
+
+    origin  an output of a node that computes something, or an unlinked input
+    kinds   the types of the sockets that make of it what they are, from the origin's side to the input itself
+    """
+
+    origin: Slot
+    kinds: tuple[str, ...]
 
 
 def find_input(node, name: str):
@@ -37,32 +55,55 @@ def find_input(node, name: str):
 
 
 def source(slot: Slot) -> Slot:
-    """Follow an input to the output socket that feeds it, or to the input whose own value holds.
+    """The output that feeds an input, or the input whose own value holds; see `route`."""
+    return route(slot).origin
 
-    The result is an output of a node that computes something, or an unlinked input.
+
+def route(slot: Slot) -> Route:
+    """Follow an input up to where its value comes from.
+
+    Muted nodes and reroutes have no values of their own: where one of them is fed by nothing, the value is that of the
+    last input before them, and a muted node never computes. Before Blender 5.0 it was zero: the origin is then the
+    input of the muted node or reroute, of which `Evaluator.value` makes that.
     """
-    for _ in range(MAX_DEPTH):
-        socket, groups = slot
-        step = _before_input(socket, groups) if not socket.is_output else _before_output(socket, groups)
-        if step is None:
-            return slot
-        slot = step
-    return slot
+    target = here = last_input = slot
+    kinds, seen = [slot.socket.type], {slot.key}
+    while True:
+        step = _before_output(here) if here.socket.is_output else _before_input(here)
+        if step is None and here.socket.is_output and not passes_on(here.node):
+            return Route(here, tuple(reversed(kinds)))
+        if step is None or step.key in seen:  # A cycle, which only a broken file can hold, counts as unplugged.
+            return Route(target if INLINED else last_input, tuple(reversed(kinds)))
+        seen.add(step.key)
+        if not step.socket.is_output:
+            last_input = step
+            if not passes_on(step.node):
+                target = step
+                kinds.append(step.socket.type)
+            elif not INLINED:
+                kinds.append(here.socket.type)
+        here = step
 
 
-def _before_input(socket, groups) -> Slot | None:
-    for link in socket.links if socket.is_linked else ():
+def passes_on(node) -> bool:
+    """Whether a node computes nothing and only hands on what comes in. What bounds a group can't be muted."""
+    return node.bl_idname == "NodeReroute" or (node.mute and not node.bl_idname.startswith("NodeGroup"))
+
+
+def _before_input(slot: Slot) -> Slot | None:
+    for link in slot.socket.links if slot.socket.is_linked else ():
         if link.is_valid and not link.is_muted:
-            return Slot(link.from_socket, groups)
+            return Slot(link.from_socket, slot.groups)
     return None
 
 
-def _before_output(socket, groups) -> Slot | None:
+def _before_output(slot: Slot) -> Slot | None:
     """One step up from an output of a node that only passes things on; None from all others."""
+    socket, groups = slot
     node = socket.node
     if node.bl_idname == "NodeReroute":
         return Slot(node.inputs[0], groups)
-    if node.mute:
+    if passes_on(node):
         passed = next((link.from_socket for link in node.internal_links if link.to_socket == socket), None)
         return Slot(passed, groups) if passed is not None else None
     if node.bl_idname == "NodeGroupInput" and groups:
@@ -92,12 +133,16 @@ def shader_output(tree, kind: str):
     return outputs[0] if outputs else None
 
 
-# Marks the tree of the `Phong BSDF` group (see addon/phong_group.py); its name does as well.
+# Marks the tree of the `Phong BSDF` group (see addon/phong_group.py). Where the mark was lost, its name and its
+# inputs tell it from somebody else's group of that name.
 PHONG_MARK = "lobe_phong"
 PHONG_NAME = "Phong BSDF"
+PHONG_INPUTS = {"kd", "ks", "exponent"}
 
 
 def is_phong_group(node) -> bool:
     """Whether a group node is Lobe's own Phong BSDF, whose inputs are read and whose inside is for other engines."""
     tree = getattr(node, "node_tree", None)
-    return tree is not None and (PHONG_MARK in tree or tree.name == PHONG_NAME)
+    if tree is None:
+        return False
+    return PHONG_MARK in tree or (tree.name == PHONG_NAME and {s.name for s in node.inputs} >= PHONG_INPUTS)

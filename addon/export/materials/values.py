@@ -14,7 +14,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..units import LUMINANCE
-from .tree import Slot, is_phong_group, source
+from .memo import Memo
+from .tree import INLINED, Slot, is_phong_group, passes_on, route
 
 # Set by the files that define converters, see nodes_*.py: bl_idname -> function(Evaluator, Slot) -> value or None.
 VALUE_NODES: dict[str, Callable] = {}
@@ -38,13 +39,21 @@ class Evaluator:
     texture         converter for image nodes, (Evaluator, Slot) -> value or None; it differs between materials
                     (average colour) and worlds (the image itself)
     nearest         values that stand for nodes without a constant value, (bl_idname, output name) -> number
+    check           called for each node; it raises once the user has cancelled
     """
 
-    def __init__(self, note: Callable[[str], None], texture: Callable, nearest: dict | None = None) -> None:
+    def __init__(
+        self,
+        note: Callable[[str], None],
+        texture: Callable,
+        nearest: dict | None = None,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
         self.note = note
         self.texture = texture
         self.nearest = nearest or {}
-        self._known: dict = {}
+        self.check = check
+        self._known = Memo(None, check)  # Within a cycle, a node counts as unplugged.
 
     def color(self, slot: Slot | None, default=(0.0, 0.0, 0.0)) -> np.ndarray:
         return np.asarray(default, np.float64) if slot is None else as_color(self.value(slot))
@@ -63,24 +72,15 @@ class Evaluator:
         return np.zeros(3) if slot is None else as_color(self.value(slot))
 
     def value(self, slot: Slot) -> np.ndarray:
-        """What an input comes to, in its own number of channels."""
-        origin = source(slot)
+        """What an input comes to, in its own number of channels; as it came, for an input that takes a shader."""
+        origin, kinds = route(slot)
         if not origin.socket.is_output:
-            return own_value(origin.socket)
-        computed = self._output(origin)
-        if computed is None:
-            return own_value(slot.socket)
-        if origin.socket.type == "VECTOR" and slot.socket.type == "VALUE" and computed.shape[-1] == 3:
-            return computed.mean(axis=-1, keepdims=True)  # A vector becomes a number by its mean, a colour does not.
-        return computed
-
-    def _output(self, slot: Slot) -> np.ndarray | None:
-        node = slot.node
-        key = (node.as_pointer(), slot.socket.identifier, tuple(g.as_pointer() for g in slot.groups))
-        if key not in self._known:
-            self._known[key] = None  # A cycle finds this, and counts as unplugged.
-            self._known[key] = self._compute(slot)
-        return self._known[key]
+            value = np.zeros(3) if passes_on(origin.node) else own_value(origin.socket)
+        else:
+            value = self._known.get(origin.key, lambda: self._compute(origin))
+            if value is None:
+                return own_value(slot.socket)
+        return through(value, origin.socket.type, kinds)
 
     def _compute(self, slot: Slot) -> np.ndarray | None:
         node = slot.node
@@ -113,6 +113,35 @@ def own_value(socket) -> np.ndarray:
         return np.array(default[:3], np.float64)
     except TypeError:
         return np.array([float(default)])
+
+
+def through(value: np.ndarray, kind: str, kinds: tuple[str, ...]) -> np.ndarray:
+    """A value of one type of socket, as sockets of these types hand it on to the last of them.
+
+    From Blender 5.0 on, a colour that enters or leaves a group by a socket for a number or a vector stays a colour.
+    """
+    for i, to in enumerate(kinds):
+        stays = INLINED and kind == "RGBA" and to in ("VALUE", "VECTOR") and i < len(kinds) - 1
+        if to in CONVERT and to != kind and not stays:
+            value, kind = CONVERT[to](value, kind), to
+    return value
+
+
+def _to_number(value: np.ndarray, kind: str) -> np.ndarray:
+    """(..., 1): a vector becomes a number by its mean, a colour by its luminance."""
+    if kind == "VECTOR" and value.shape[-1] == 3:
+        return value.mean(axis=-1, keepdims=True)
+    return as_number(value)
+
+
+# Type of a socket -> function(value, type that it had) -> value.
+CONVERT: dict[str, Callable] = {
+    "VALUE": _to_number,
+    "INT": lambda value, kind: np.trunc(_to_number(value, kind)),
+    "BOOLEAN": lambda value, kind: (_to_number(value, kind) > 0.0).astype(np.float64),
+    "VECTOR": lambda value, kind: as_color(value),
+    "RGBA": lambda value, kind: as_color(value),
+}
 
 
 def as_color(value: np.ndarray) -> np.ndarray:
