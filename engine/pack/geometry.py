@@ -37,6 +37,10 @@ FLATTEST_INSTANCE = 0.05
 # Sharper mirrors cannot be told apart, and the kernels' float32 keeps to numbers that it can square.
 MAX_EXPONENT = 1e8
 
+# Embree takes triangles for points whose area, in the mesh's own space, is below 1e-18: a shared mesh of another size
+# than this, metres, is stored at a size of about 1, and its placements make up for it.
+ORDINARY_SIZES = 1e-3, 1e3
+
 VERTEX_PADDING = 2  # rows that no triangle uses: Embree reads 16 bytes at the last vertex
 CHUNK = 1 << 13
 INVALID = np.uint32(0xFFFFFFFF)
@@ -203,15 +207,18 @@ def _add_baked(scene: Scene, baked: list[tuple[int, int]], out: _Triangles, shap
 def _add_shared(scene: Scene, shared: dict[int, np.ndarray], out: _Triangles, shapes: _Shapes) -> None:
     """In object space, about the middle of the mesh's box: the hit points of a mesh that lies far from its own origin
     would be too coarse to start rays from. One Embree geometry of instances for each mesh and visibility."""
+    smallest, largest = ORDINARY_SIZES
     instances = scene.instances
     for index, rows in shared.items():
         mesh, first = scene.meshes[index], out.triangle_count
-        center = mesh.bounds().astype(np.float64).mean(axis=0)
-        to_center = np.column_stack([np.eye(3), -center])
+        bounds = mesh.bounds().astype(np.float64)
+        center, size = bounds.mean(axis=0), np.ptp(bounds, axis=0).max()
+        factor = 1.0 if smallest <= size <= largest or size == 0 else 2.0 ** -np.floor(np.log2(size))
+        to_center = factor * np.column_stack([np.eye(3), -center])
         geometry = out.add(mesh, to_center, 0 if mesh.material_slots is None else mesh.material_slots)
         for visibility in np.unique(instances.visibility[rows]):
             members = rows[instances.visibility[rows] == visibility]
-            matrices = _moved_origin(instances.transforms[members], center)
+            matrices = _stored_otherwise(instances.transforms[members], center, factor)
             shapes.add(InstanceGeometry(geometry, matrices, int(visibility)), INSTANCED_MESH, first)
             shapes.instance_count += len(members)
             shapes.transforms.append(matrices)
@@ -257,11 +264,12 @@ def _squeezed(transforms: np.ndarray) -> np.ndarray:
     return ~(np.abs(np.linalg.det(linear)) > FLATTEST_INSTANCE * lengths)
 
 
-def _moved_origin(transforms: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """(I, 3, 4) float32: the same placement for vertices from which `center` was subtracted. In float64, rounded
-    once."""
+def _stored_otherwise(transforms: np.ndarray, center: np.ndarray, factor: float) -> np.ndarray:
+    """(I, 3, 4) float32: the same placement for vertices from which `center` was subtracted, and which were then
+    multiplied by `factor`. In float64, rounded once."""
     moved = np.array(transforms, np.float64)
     moved[:, :, 3] += moved[:, :, :3] @ center
+    moved[:, :, :3] /= factor
     return fresh(moved, np.float32)
 
 

@@ -18,6 +18,9 @@ SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
 # it before a surface in the lamp's plane: where Embree finds a hit errs by some roundings of the lengths that it
 # reckons with, of the ray and of the surface. Light samples stop before the lamp by more: see kernels/direct.py.
 SHAPE_STEP_PART = 2.0**-20
+# But no farther than this part of its own size, more than its own coordinates ask for: else a single object left
+# a thousand kilometres away would put the shapes of all lamps behind other things.
+LONGEST_SHAPE_STEP = 2.0**-8
 
 
 def unit(v: np.ndarray) -> np.ndarray:
@@ -73,8 +76,14 @@ def pack_area(row: np.ndarray, light: AreaLight, reach: float) -> int:
     if half < np.pi / 2 - 1e-6:
         row[t.TAN_SPREAD] = np.tan(half)
         row[t.SPREAD_NORM] = 1 / (np.tan(half) - half) if half > SMALL_SPREAD else 3 / max(half, SMALLEST_SPREAD) ** 3
-    row[t.SHAPE_STEP] = SHAPE_STEP_PART * max(reach, float(np.abs(corners_of(row)).max()))
+    row[t.SHAPE_STEP] = _shape_step(corners_of(row), float(row[t.SIZE : t.SIZE + 2].max()), reach)
     return ELLIPSE if light.ellipse else RECTANGLE
+
+
+def _shape_step(corners: np.ndarray, size: float, reach: float) -> float:
+    """How far the lamp's shape lies before it, in a scene of such coordinates."""
+    own = SHAPE_STEP_PART * float(np.abs(corners).max())
+    return max(own, min(SHAPE_STEP_PART * reach, LONGEST_SHAPE_STEP * size))
 
 
 def lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):

@@ -15,6 +15,7 @@ from scipy import stats
 
 import engine
 import engine.scene
+from engine.result import Result
 from engine.scene import Camera, Lamp, PointLight, Scene
 from engine.settings import Settings
 
@@ -119,12 +120,28 @@ def _lamp(light: Lamp, change, factor: float) -> Lamp:
 
 def render(scene: Scene, **settings) -> np.ndarray:
     """(h, w, 3) float64. Fails for anything that is not a finite, non-negative number, and for rejected samples."""
-    chosen = Settings(**{"samples": 64, "pixel_filter": "BOX", "threads": 2, **settings})
-    result = engine.render(scene, chosen)
-    assert result.rejected == 0, f"{result.rejected} samples were not finite"
-    assert np.isfinite(result.pixels).all()
-    assert (result.pixels >= 0).all(), f"darker than black: {result.pixels.min()}"
+    result = rendered(scene, **settings)
+    problem = faults(result)
+    assert not problem, problem
+    return picture(result)
+
+
+def rendered(scene: Scene, **settings) -> Result:
+    return engine.render(scene, Settings(**{"samples": 64, "pixel_filter": "BOX", "threads": 2, **settings}))
+
+
+def picture(result: Result) -> np.ndarray:
+    """(h, w, 3) float64."""
     return result.pixels[..., :3].astype(np.float64)
+
+
+def faults(result: Result) -> str:
+    """What no picture may have, whatever it shows; nothing if all is well."""
+    if result.rejected:
+        return f"{result.rejected} samples were not finite"
+    if not np.isfinite(result.pixels).all():
+        return "pixels are not finite"
+    return f"darker than black: {result.pixels.min():g}" if (result.pixels < 0).any() else ""
 
 
 @dataclass
@@ -145,7 +162,8 @@ def difference(a: np.ndarray, b: np.ndarray) -> Difference:
     """Paired by pixel: the same random numbers make both, and pixels share none. Where the paths are the same, the
     interval is as narrow as float32 allows."""
     d = (a - b).reshape(-1, 3)
-    scale = np.maximum(b.reshape(-1, 3).mean(axis=0), 1e-300)
+    mean = b.reshape(-1, 3).mean(axis=0)
+    scale = np.where(mean > 0, mean, 1.0)  # nothing is relative to black
     return Difference(d.mean(axis=0) / scale, QUANTILE * d.std(axis=0, ddof=1) / np.sqrt(len(d)) / scale)
 
 

@@ -34,27 +34,29 @@ def through_a_lens(scene: Scene) -> Scene:
     return scene
 
 
-def replicates(scene: Scene, first: int, **settings) -> np.ndarray:
-    """(SEEDS, h, w), means of the channels, by seeds from `first` on."""
-    return np.stack([moves.render(scene, seed=first + k, **settings).mean(axis=-1) for k in range(SEEDS)])
+def replicates(scene: Scene, seeds: range, **settings) -> np.ndarray:
+    """(seeds, h, w), means of the channels."""
+    return np.stack([moves.render(scene, seed=seed, **settings).mean(axis=-1) for seed in seeds])
 
 
-def check(make: Callable[[], Scene], most: float, **settings) -> None:
-    """`most`: how wide the mean's interval may be, relative."""
-    picture = replicates(make(), 1, **settings)
-    in_mirror = replicates(moves.mirrored(make()), 1 + SEEDS, **settings)[:, :, ::-1]
+def check(make: Callable[[], Scene], most: float, seeds: int = SEEDS, **settings) -> tuple[float, float]:
+    """`most`: how wide the mean's interval may be, relative. Gives the mean's difference and half width."""
+    picture = replicates(make(), range(seeds), **settings)
+    in_mirror = replicates(moves.mirrored(make()), range(seeds, 2 * seeds), **settings)[:, :, ::-1]
     groups = {"mean": (1, 2), "rows": 2, "columns": 1}
     means = {what: (picture.mean(axis=axes), in_mirror.mean(axis=axes)) for what, axes in groups.items()}
-    tests = sum(a[0].size for a, _ in means.values())
-    quantile = stats.t.isf(0.5e-5 / tests, 2 * SEEDS - 2)
+    found = np.nan, np.nan
     for what, (a, b) in means.items():
         difference = b.mean(axis=0) - a.mean(axis=0)
-        half_width = quantile * np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / SEEDS)
+        quantile = stats.t.isf(0.5e-5 / len(means) / difference.size, 2 * seeds - 2)  # one run in 1e5 fails by chance
+        half_width = quantile * np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / seeds)
         if what == "mean":
-            print(f"mirrored: {difference / a.mean():.2g} +- {half_width / a.mean():.2g}")
-            assert half_width < most * a.mean(), f"tells nothing: {half_width / a.mean():.2g}"
+            found = float(difference / a.mean()), float(half_width / a.mean())
+            print(f"mirrored: {found[0]:.2g} +- {found[1]:.2g}")
+            assert found[1] < most, f"tells nothing: {found[1]:.2g}"
         slack = moves.ROUNDING * a.mean()
         assert np.all(np.abs(difference) <= half_width + slack), f"{what} differ by {difference} +- {half_width}"
+    return found
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -64,8 +66,12 @@ def test_mirrored(name):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
-def test_mirrored_sample_scene(name):
-    check(lambda: sample_scene(name), most=0.2, samples=16)
+def test_mirrored_sample_scene(record, name):
+    """Many seeds, since of few the variance itself is uncertain."""
+    samples = {"plates_phong": 512, "lamps": 128, "world": 128}
+    difference, half_width = check(lambda: sample_scene(name), most=0.01, seeds=32, samples=samples.get(name, 64))
+    row = {"difference": f"{abs(difference):.1e}", "half width": f"{half_width:.1e}", "rejected": 0, "verdict": "pass"}
+    record("stress", ("scene", "change"), {"scene": name, "change": "the world in a mirror", **row})
 
 
 def test_a_picture_that_is_not_mirrored_is_caught(monkeypatch):

@@ -12,7 +12,8 @@ from functools import cache
 import numpy as np
 import pytest
 import scenes
-from stress import moves
+from sample_scenes import SCENES, sample_scene
+from stress import moves, surfaces
 
 from engine.scene import Instances, Mesh, Scene, World
 
@@ -93,3 +94,23 @@ def test_a_floor_that_loses_light_is_caught():
     scene.materials[0] = dark
     with pytest.raises(AssertionError, match="differs"):
         check(moves.render(scene))
+
+
+def aspect_and_area(scene: Scene) -> tuple[float, float]:
+    """Of the most slender triangle that has an area, length by height; and of all together, m2, in object space."""
+    corners = np.concatenate([mesh.vertices[mesh.triangles] for mesh in scene.meshes]).astype(np.float64)
+    sides = np.roll(corners, 1, axis=1) - corners
+    longest, area = (
+        np.linalg.norm(sides, axis=2).max(axis=1),
+        np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1),
+    )
+    some = area > 0
+    return float((longest[some] ** 2 / area[some]).max()), float(area.sum() / 2)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_slivers_of_sample_scenes_are_slivers(name):
+    """Some 1e8 times as long as high, as far as float32 has such; of the same surface. `CHANGES` renders them."""
+    aspect, area = aspect_and_area(surfaces.slivers(sample_scene(name)))
+    assert aspect > 8e7
+    np.testing.assert_allclose(area, aspect_and_area(sample_scene(name))[1], rtol=1e-6)
