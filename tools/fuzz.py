@@ -19,6 +19,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,6 +42,10 @@ class Report:
         if verdict["outcome"] not in GOOD:
             self.findings.append(verdict)
 
+    def take(self, other: Report) -> None:
+        self.counts += other.counts
+        self.findings += other.findings
+
     def table(self) -> str:
         total = sum(self.counts.values())
         rows = [
@@ -53,12 +58,31 @@ def child_command() -> list[str]:
     return [sys.executable, str(Path(__file__).resolve()), "--child"]
 
 
-def run(first: int, count: int, command: Sequence[str] | None = None, case_seconds: float = CASE_SECONDS) -> Report:
-    """Cases first .. first + count, in as many processes as it takes. `command` is called with first and count."""
-    report, begun, at, end = Report(), time.perf_counter(), first, first + count
-    while at < end:
-        at = _one_child(report, [*(command or child_command()), str(at), str(end - at)], at, case_seconds)
+def run(
+    first: int,
+    count: int,
+    command: Sequence[str] | None = None,
+    case_seconds: float = CASE_SECONDS,
+    processes: int = 1,
+) -> Report:
+    """Cases first .. first + count, by so many children at a time and as many as it takes. `command` is called with
+    first and count."""
+    report, begun = Report(), time.perf_counter()
+    shares = [(first + count * i // processes, first + count * (i + 1) // processes) for i in range(processes)]
+    with ThreadPoolExecutor(processes) as pool:
+        for part in pool.map(
+            lambda share: _share(share[0], share[1], command or child_command(), case_seconds), shares
+        ):
+            report.take(part)
     report.seconds = time.perf_counter() - begun
+    return report
+
+
+def _share(at: int, end: int, command: Sequence[str], case_seconds: float) -> Report:
+    """Cases at .. end, one child after the other."""
+    report = Report()
+    while at < end:
+        at = _one_child(report, [*command, str(at), str(end - at)], at, case_seconds)
     return report
 
 
@@ -134,6 +158,7 @@ def main() -> int:
     parser.add_argument("cases", type=int, nargs="?", default=1000)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--only", type=int, help="run this case alone, here")
+    parser.add_argument("-p", "--processes", type=int, default=1, help="so many at a time")
     parser.add_argument("-o", "--output", type=Path, help="JSON file for the findings")
     parser.add_argument("--child", type=int, nargs=2, metavar=("FIRST", "COUNT"), help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -145,7 +170,7 @@ def main() -> int:
         verdict = odd_scenes.judge(odd_scenes.make_case(options.only))
         print(verdict.outcome, verdict.changed, verdict.text, sep="\n")
         return int(verdict.is_finding)
-    report = run(options.first, options.cases)
+    report = run(options.first, options.cases, processes=options.processes)
     for finding in report.findings[:20]:
         print(
             f"case {finding['number']}: {finding['outcome']}\n  {finding['changed'][:400]}\n  {finding['text'][-600:]}"

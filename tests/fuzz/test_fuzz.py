@@ -1,7 +1,8 @@
-"""A bounded number of odd scenes on every run; `python tools/fuzz.py 100000` for more."""
+"""A bounded number of odd scenes on every run, 100,000 in the long part; `python tools/fuzz.py` for others."""
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 
@@ -15,7 +16,7 @@ import engine.validate as validate
 from engine import SceneError, Settings, render
 from tools import fuzz
 
-CASES = 600
+CASES, MANY_CASES = 600, 100_000
 # A child that goes wrong in each way that the parent has to notice, at its cases 2, 5 and 7.
 BAD_CHILD = """
 import ctypes, json, sys, time
@@ -38,8 +39,19 @@ def test_odd_scenes_render_or_are_refused_by_name():
     assert min(report.counts[outcome] for outcome in fuzz.GOOD) > CASES / 10, report.table()
 
 
-def test_crashes_and_hangs_are_noticed_and_the_rest_is_run():
-    report = fuzz.run(0, 10, [sys.executable, "-c", BAD_CHILD], case_seconds=2.0)
+@pytest.mark.long
+def test_a_hundred_thousand_odd_scenes(record):
+    """A row of benchmarks/results/fuzz.md, written before the verdict."""
+    report = fuzz.run(0, MANY_CASES, processes=min(os.cpu_count() or 1, 2))
+    counts = {outcome: report.counts[outcome] for outcome in fuzz.OUTCOMES}
+    record("fuzz", ("first", "cases"), {"first": 0, "cases": MANY_CASES, **counts, "seconds": round(report.seconds)})
+    assert not report.findings, f"{report.findings[0]}\n{report.table()}"
+    assert sum(report.counts.values()) == MANY_CASES
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_crashes_and_hangs_are_noticed_and_the_rest_is_run(processes):
+    report = fuzz.run(0, 10, [sys.executable, "-c", BAD_CHILD], case_seconds=2.0, processes=processes)
     found = {finding["number"]: finding for finding in report.findings}
     assert {number: finding["outcome"] for number, finding in found.items()} == {2: "crash", 5: "hang", 7: "crash"}
     assert "SIGSEGV" in found[2]["text"] or sys.platform == "win32"

@@ -1,7 +1,8 @@
-"""What holds for every scene: random ones, drawn by hypothesis, and for the features a list of fixed ones.
+"""What holds for every scene: random ones, drawn by hypothesis.
 
-Random scenes are rendered with every feature on (`forcing`), which spares the compilation of a kernel for each; the
-examples are the same in every run, so a failure is one that the code has made.
+They are rendered with every feature on (`forcing`), which spares the compilation of a kernel for each; for the features
+themselves they are brought down to what one of a few kernels has, and rendered by that one, too. The examples are the
+same in every run, so a failure is one that the code has made.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import subprocess
 import sys
 import threading
 from contextlib import nullcontext
+from dataclasses import replace
+from typing import NamedTuple
 from unittest import mock
 
 import numpy as np
@@ -23,13 +26,22 @@ from properties.strategies import small_scenes
 
 import engine.pack.geometry as packing
 import engine.schedule as schedule
-from engine import Material, Scene, Settings, World, render
-from engine.features import DARK_WORLD, Features
+from engine import Lamp, Material, Scene, Settings, Visibility, World, render
+from engine.features import (
+    CONSTANT_WORLD,
+    DARK_WORLD,
+    EMITTER_TREE,
+    IMAGE_WORLD,
+    ONE_EMITTER,
+    RECTANGLE,
+    SPHERE,
+    Features,
+)
 from engine.kernels.jit import AS_WRITTEN
 from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8
-ROADS_EXAMPLES, BITS_EXAMPLES = 20, 40
+ROADS_EXAMPLES, BITS_EXAMPLES, KERNEL_EXAMPLES = 20, 40, 16
 ROADS_LEVEL = 1e-6  # p of the least probable quarter of a picture, over all examples and channels
 EXAMPLE = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
 
@@ -79,15 +91,45 @@ def with_region(scene: Scene, region) -> Scene:
     return scene
 
 
-@given(scene=small_scenes(), seed=st.integers(-(2**31), 2**31 - 1), x=st.integers(0, 6), y=st.integers(0, 6))
+# Adaptive sampling looks at the picture as it goes, and rejection takes as many numbers as it needs.
+WAYS = {
+    "adaptive": {"samples": 64, "use_adaptive_sampling": True, "adaptive_threshold": 0.2},
+    "rejection": {"hemisphere_sampling": "REJECTION"},
+}
+
+
+def assert_same_bits(scene: Scene, seed: int, x: int, y: int, **way) -> None:
+    whole = picture(scene, seed=seed, **way)
+    assert np.array_equal(whole, picture(scene, seed=seed, **way))
+    with mock.patch.object(schedule, "TILE_SAMPLES", 1):  # four tiles in place of one
+        assert np.array_equal(whole, picture(scene, seed=seed, threads=2, **way))
+    if not way.get("use_adaptive_sampling"):  # which goes by a pixel's neighbours, too
+        assert np.array_equal(whole[y:8, x:7], picture(with_region(scene, (x, y, 7, 8)), seed=seed, **way))
+
+
+A_PLACE = {"seed": st.integers(-(2**31), 2**31 - 1), "x": st.integers(0, 6), "y": st.integers(0, 6)}
+
+
+@given(scene=small_scenes(), **A_PLACE)
 @settings(max_examples=BITS_EXAMPLES, **EXAMPLE)
 def test_the_picture_does_not_depend_on_threads_tiles_or_regions(scene, seed, x, y):
     with everything_on():
-        whole = picture(scene, seed=seed)
-        assert np.array_equal(whole, picture(scene, seed=seed))
-        with mock.patch.object(schedule, "TILE_SAMPLES", 1):  # four tiles in place of one
-            assert np.array_equal(whole, picture(scene, seed=seed, threads=2))
-        assert np.array_equal(whole[y:8, x:7], picture(with_region(scene, (x, y, 7, 8)), seed=seed))
+        assert_same_bits(scene, seed, x, y)
+
+
+@given(scene=small_scenes(), **A_PLACE)
+@settings(max_examples=BITS_EXAMPLES // 5, **EXAMPLE)
+def test_nor_does_it_with_adaptive_sampling(scene, seed, x, y):
+    with everything_on():
+        assert_same_bits(scene, seed, x, y, **WAYS["adaptive"])
+
+
+@given(scene=small_scenes(), **A_PLACE)
+@settings(max_examples=BITS_EXAMPLES // 2, **EXAMPLE)
+def test_nor_does_it_with_rejection_sampling(scene, seed, x, y):
+    """By the smallest of kernels, as it is one more to compile."""
+    with forced(lambda own: raised("plain", own)):
+        assert_same_bits(brought_down("plain", scene), seed, x, y, **WAYS["rejection"])
 
 
 def test_a_picture_that_depends_on_its_threads_is_noticed(monkeypatch):
@@ -131,6 +173,76 @@ ROUNDING = 1e-5  # relative
 TURNED = 0.02  # of the pixels: a rounding may turn a decision of a path over
 
 
+class Kept(NamedTuple):
+    """What a kernel has, and so what is left of a random scene that it renders. Features that are not named are off."""
+
+    features: dict[str, int]
+    lamps: tuple[str, ...] = ()  # of scenes.LAMP_KINDS
+    world: int = DARK_WORLD
+
+
+# Each feature is on in one of these and off in another.
+KERNELS = {
+    "plain": Kept({"lamp_kinds": RECTANGLE, "lamp_shapes": 1, "emitter_choice": ONE_EMITTER}, ("area",)),
+    "emissive": Kept({"mesh_emitters": 1, "rectangle_emitters": 1, "emitter_choice": EMITTER_TREE}),
+    "emissive under a sky": Kept(
+        {"mesh_emitters": 1, "rectangle_emitters": 1, "emitter_choice": EMITTER_TREE, "transparency": 1, "lens": 1},
+        world=CONSTANT_WORLD,
+    ),
+    "glossy": Kept(
+        {
+            "phong": 1, "smooth": 1, "lamp_kinds": SPHERE, "lamp_shapes": 1, "emitter_choice": EMITTER_TREE,
+            "unshadowed": 1, "suns": 1, "sun_disks": 1,
+        },
+        ("sphere", "wide_sun"),
+    ),
+    "image": Kept({"phong": 1, "instances": 1, "ray_kinds": 1, "clamp": 1}, world=IMAGE_WORLD),
+}  # fmt: skip
+
+
+def brought_down(name: str, scene: Scene) -> Scene:
+    """What the kernel can render of the scene: the rest is taken out or made plain."""
+    kept = KERNELS[name]
+    has = kept.features.get
+    black, seen = (0.0, 0.0, 0.0), Visibility.ALL
+    scene.lights = [lamp for kind in kept.lamps for lamp in lamps_like(scene, kind, bool(has("unshadowed")))]
+    scene.materials = [
+        replace(
+            material,
+            ks=material.ks if has("phong") else black,
+            emission=material.emission if has("mesh_emitters") else black,
+            transparency=material.transparency if has("transparency") else black,
+        )
+        for material in scene.materials
+    ]
+    scene.meshes = [mesh if has("smooth") else replace(mesh, normals=None) for mesh in scene.meshes]
+    if not has("lens"):
+        scene.camera = replace(scene.camera, aperture=None)
+    # Shadow rays see what all others see: where not is no feature, but a way to calculate (kernels/mis.py).
+    scene.instances.visibility |= np.uint8(Visibility.SHADOW if has("ray_kinds") else seen)
+    if not has("ray_kinds"):
+        scene.world = replace(scene.world, visibility=seen)
+    color = scene.world.color if kept.world != DARK_WORLD else black
+    image = scenes.sky_image(4, 8) if kept.world == IMAGE_WORLD else None
+    scene.world = replace(scene.world, color=color, image=image)
+    return scene
+
+
+def lamps_like(scene: Scene, kind: str, unshadowed: bool) -> list[Lamp]:
+    """One of this kind, where the first lamp of the scene stands."""
+    like = [scenes.lamp(kind)]
+    for lamp in scene.lights[:1]:
+        like = [replace(like[0], transform=lamp.transform, cast_shadow=lamp.cast_shadow or not unshadowed)]
+    return like
+
+
+def raised(name: str, own: Features) -> Features:
+    """The kernel's features; those of the scene that it leaves open are the scene's."""
+    kept = KERNELS[name]
+    closed = {feature: kept.features.get(feature, 0) for feature in EVERYTHING if feature != "world"}
+    return own._replace(**{**closed, "world": max(own.world, kept.world)})
+
+
 def unused(name: str, features: Features) -> bool:
     """Of the two with consequences: kinds of rays are drawn where a surface is glossy, and a constant world is used."""
     if name == "ray_kinds":
@@ -164,13 +276,36 @@ def test_features_that_a_scene_does_not_use_change_no_more_than_roundings(name):
         pytest.fail(f"{guilty or 'several together'} change the picture of a scene without them")
 
 
+def changed_bits(name: str, scene: Scene, names) -> bool:
+    before, after = (drawn_by(name, scene, chosen) for chosen in ((), names))
+    return bool((before != after).any())
+
+
+def drawn_by(name: str, scene: Scene, names) -> np.ndarray:
+    with forced(lambda own: switched_on(names, raised(name, own))):
+        return picture(scene)
+
+
 @pytest.mark.skipif(not AS_WRITTEN, reason="runs in a process of its own, below")
-@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize("name", KERNELS)
 def test_no_bit(name):
-    scene = FIXED[name]()
-    if different(scene, EVERYTHING).any():
-        guilty = [feature for feature in EVERYTHING if different(scene, [feature]).any()]
-        pytest.fail(f"{guilty or 'several together'} change the picture of a scene without them")
+    @given(scene=small_scenes())
+    @settings(max_examples=KERNEL_EXAMPLES, **EXAMPLE)
+    def holds(scene):
+        scene = brought_down(name, scene)
+        if changed_bits(name, scene, EVERYTHING):
+            guilty = [feature for feature in EVERYTHING if changed_bits(name, scene, [feature])]
+            pytest.fail(f"{guilty or 'several together'} change the picture of a scene without them")
+
+    holds()
+
+
+@pytest.mark.skipif(not AS_WRITTEN, reason="runs in a process of its own, below")
+def test_no_bit_can_be_changed_unseen(monkeypatch):
+    limits = schedule._limits
+    monkeypatch.setattr(schedule, "_limits", lambda *given: limits(*given)._replace(clamp_indirect=np.float32(1e-4)))
+    with pytest.raises(pytest.fail.Exception, match="clamp"):
+        test_no_bit("emissive under a sky")
 
 
 @pytest.mark.skipif(AS_WRITTEN, reason="this is that process")
@@ -181,7 +316,7 @@ def test_features_that_a_scene_does_not_use_change_no_bit_of_what_is_calculated_
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 0 and f"{len(FIXED)} passed" in done.stdout, done.stdout
+    assert done.returncode == 0 and f"{len(KERNELS) + 1} passed" in done.stdout, done.stdout
 
 
 def test_a_feature_that_changes_the_picture_is_noticed(monkeypatch):

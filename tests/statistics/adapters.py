@@ -16,7 +16,7 @@ from engine.kernels.registry import SAMPLERS, Sampler
 from engine.reference.lights import make_lamp
 from engine.scene import Aperture, AreaLight, PointLight, SpotLight, SunLight, World
 from tests.statistics import chi2
-from tests.statistics.drawn import UP, Crossed
+from tests.statistics.drawn import UP, Crossed, Scaled
 from tests.statistics.film import Filter, Lens, filters, lenses
 from tests.statistics.lights import (
     SUNS,
@@ -31,6 +31,8 @@ from tests.statistics.lights import (
     worlds,
 )
 from tests.statistics.surfaces import COSINE, UNIFORM, Hemisphere, Surface, combined, hemispheres, phong_lobes
+
+__all__ = ["ADAPTERS", "Crossed", "Scaled", "broken", "cases", "fine_twins"]
 
 ADAPTERS: dict[str, Callable[[Sampler], Iterator[chi2.Case]]] = {
     "hemisphere": hemispheres,
@@ -82,7 +84,7 @@ def broken() -> dict[str, Crossed]:
     return {
         "hemisphere": Crossed(Hemisphere(UNIFORM), Hemisphere(COSINE)),
         "phong": Crossed(Surface(ks=0.9, exponent=100, angle=45), Surface(ks=0.9, exponent=105, angle=45)),
-        "combined": Crossed(Surface(0.4, 0.4, 30, 0.5, 60), Surface(0.4, 0.4, 30, 0.52, 60)),
+        "combined": Crossed(Surface(0.4, 0.4, 30, 0.5, 60), Surface(0.4, 0.4, 30, 0.55, 60)),
         "lamp": Crossed(_lamp(sphere), _lamp(replace(sphere, radius=0.51))),
         "lamp, spread": Crossed(_lamp(spread), _lamp(replace(spread, spread=1.1))),
         "lamp, spot": Crossed(
@@ -93,4 +95,15 @@ def broken() -> dict[str, Crossed]:
         "world": Crossed(_world(5), _world(6)),
         "lens": Crossed(Lens(lens), Lens(replace(lens, blades=7))),
         "filter": Crossed(Filter("BLACKMAN_HARRIS", 1.5), Filter("BLACKMAN_HARRIS", 1.55)),
+    }
+
+
+def fine_twins() -> dict[str, Crossed]:
+    """As `broken`, by one per cent."""
+    return {
+        "exponent 100 for 101": Crossed(
+            Surface(ks=0.9, exponent=100, angle=45), Surface(ks=0.9, exponent=101, angle=45)
+        ),
+        "lobe share 0.5 for 0.505": Crossed(Surface(0.4, 0.4, 30, 0.5, 60), Surface(0.4, 0.4, 30, 0.505, 60)),
+        "filter 1.5 for 1.515": Crossed(Filter("BLACKMAN_HARRIS", 1.5), Filter("BLACKMAN_HARRIS", 1.515)),
     }

@@ -8,15 +8,18 @@ Mitsuba's chi2.py (Jakob et al., src/python/python/chi2.py); adapters to the eng
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import stats
+
+from engine.kernels.jit import kernel
 
 SIGNIFICANCE = 0.01
 MIN_EXPECTED = 5
@@ -24,9 +27,32 @@ PILOTS = 4000
 RINGS, OUTER_RINGS, SECTORS = 16, 5, 16
 THIN, WIDE = 1e-3, 4.0  # the first ring beyond the draws; largest ratio of a ring's radii
 PLANE_CELLS = 20
-# Quadrature: of a cell, as a part of the mean cell; parts of a side that may still be split.
-TOLERANCE, MAX_SPLITS, MAX_BOXES = 1e-3, 7, 4000
+CHUNK = 500_000  # draws at a time
+GUIDED = 4.0  # standard deviations by which draws differ where the quadrature has to look again
+# The density's integral and the share of failed draws have to make 1, but for so many standard deviations of the
+# share, and for what quadrature and float32 leave.
+MASS_SIGMAS, MASS_SLACK = 4.0, 2e-4
 
+
+class Effort(NamedTuple):
+    """Of the quadrature.
+
+    tolerance    of a cell, as a part of the mean cell
+    halved       how often every side is halved, whatever the rules say: a narrow lobe may pass between the points
+    splits       how often it may be; rims: where the density begins
+    boxes        that are split at a time, at most
+    guides       draws that show where to look, at most
+    """
+
+    tolerance: float
+    halved: int
+    splits: int
+    rims: int
+    boxes: int
+    guides: int
+
+
+QUICK, THOROUGH = Effort(4e-4, 0, 9, 4, 3000, 100_000), Effort(1e-4, 2, 12, 7, 20_000, 10_000_000)
 Density = Callable[[np.ndarray], np.ndarray]
 Edges = tuple[np.ndarray, np.ndarray]
 
@@ -70,9 +96,9 @@ class Sphere:
         return np.stack([sine * np.cos(phi), sine * np.sin(phi), 1 - drop], axis=1) @ frame(self.axis)
 
     def parameters(self, points: np.ndarray) -> np.ndarray:
-        local = points @ frame(self.axis).T
-        drop = np.clip(0.5 * np.sum((local - (0, 0, 1)) ** 2, axis=1), 0, 2)  # no cancellation about the axis
-        return np.stack([drop, np.arctan2(local[:, 1], local[:, 0]) % (2 * np.pi)], axis=1)
+        out = np.empty((len(points), 2))
+        _about_axis(np.ascontiguousarray(points, np.float64), frame(self.axis), out)
+        return out
 
     @classmethod
     def fit(cls, pilots: np.ndarray, density: np.ndarray) -> Sphere:
@@ -84,13 +110,16 @@ class Sphere:
         mean = density @ pilots
         length = np.linalg.norm(mean)
         axis = mean / length if length > 1e-3 * density.sum() else np.array([0.0, 0, 1])
-        drops = cls(axis, (np.zeros(0), np.zeros(0))).parameters(pilots)[:, 0]
+        drops, phi = cls(axis, (np.zeros(0), np.zeros(0))).parameters(pilots).T
         inner = np.quantile(drops, np.arange(1, RINGS + 1) / RINGS) if len(pilots) else np.linspace(0, 1, RINGS + 1)[1:]
         last = inner[-1]
         edges = [0, *inner, *(last * (1 + THIN * 4.0 ** np.arange(OUTER_RINGS)))]
         wide = [a * WIDE ** np.arange(1, np.ceil(np.log(b / a) / np.log(WIDE))) for a, b in pairwise([*edges[1:], 2])]
         edges = np.unique(np.concatenate([edges, *wide]))
-        return cls(axis, (np.append(edges[edges < 2 - 1e-6], 2), np.linspace(0, 2 * np.pi, SECTORS + 1)))
+        sectors = np.linspace(0, 2 * np.pi, 5)
+        if len(pilots):  # the same shares of a strip, which lies along two of them
+            sectors = np.unique([*sectors, *np.quantile(phi, np.arange(1, SECTORS) / SECTORS)])
+        return cls(axis, (np.append(edges[edges < 2 - 1e-6], 2), sectors))
 
 
 @dataclass
@@ -111,10 +140,36 @@ class Plane:
         return cls((edge, edge))
 
 
+@kernel
+def _about_axis(points, axes, out):
+    """(1 - cos theta, phi) of directions; without cancellation about the axis."""
+    for i in range(len(points)):
+        x, y, z = points[i]
+        a = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+        b = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+        c = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z - 1.0
+        phi = math.atan2(b, a)
+        out[i, 0] = min(0.5 * (a * a + b * b + c * c), 2.0)
+        out[i, 1] = phi if phi >= 0.0 else min(phi + 2.0 * math.pi, 2.0 * math.pi)
+
+
+@kernel
+def _count(parameters, edges_a, edges_b, counts):
+    """Add to the cells (a, b); what lies outside of all is left out."""
+    for i in range(len(parameters)):
+        a = np.searchsorted(edges_a, parameters[i, 0], side="right") - 1
+        b = np.searchsorted(edges_b, parameters[i, 1], side="right") - 1
+        # The last edges belong to the last cells.
+        a -= a == len(edges_a) - 1 and parameters[i, 0] == edges_a[-1]
+        b -= b == len(edges_b) - 1 and parameters[i, 1] == edges_b[-1]
+        if 0 <= a < len(edges_a) - 1 and 0 <= b < len(edges_b) - 1:
+            counts[a, b] += 1
+
+
 @dataclass
 class Result:
     """`observed` and `expected` counts (a, b) in the cells of `edges`, and `failed` draws against those expected.
-    `total` is the integral of the density."""
+    `total` is the integral of the density, `count` the number of draws."""
 
     name: str
     p_value: float
@@ -122,27 +177,42 @@ class Result:
     expected: np.ndarray
     failed: tuple[float, float]
     total: float
+    count: int
     edges: Edges
 
+    @property
+    def excess(self) -> float:
+        """Of the density's integral over the share of draws that it stands for."""
+        return self.total + self.failed[0] / self.count - 1
 
-def chi_squared(case: Case, count: int = 100_000) -> Result:
+    @property
+    def excess_allowed(self) -> float:
+        share = self.failed[0] / self.count
+        return MASS_SIGMAS * float(np.sqrt(share * (1 - share) / self.count)) + MASS_SLACK
+
+    def passes(self, tests: int) -> bool:
+        return self.p_value > threshold(tests) and abs(self.excess) < self.excess_allowed
+
+
+def chi_squared(case: Case, count: int = 100_000, effort: Effort = QUICK) -> Result:
     seed = zlib.crc32(case.name.encode())
     pilots, valid = case.draw(PILOTS, seed + 1000)
     if case.extent is not None:
         grid: Grid = Plane.of(case.extent)
     else:
         grid = Sphere.fit(pilots[valid], case.density(pilots[valid]))
-    points, valid = case.draw(count, seed)
-    parameters = grid.parameters(points[valid])
-    observed, _, _ = np.histogram2d(parameters[:, 0], parameters[:, 1], bins=grid.edges)
-    masses = integrate(lambda p: case.density(grid.points(p)), grid.edges, draws=parameters)
+    observed, guides = np.zeros([len(e) - 1 for e in grid.edges], np.int64), []
+    for i, first in enumerate(range(0, count, CHUNK)):
+        points, valid = case.draw(min(CHUNK, count - first), seed + 7919 * i)
+        parameters = np.ascontiguousarray(grid.parameters(points[valid]))
+        _count(parameters, *grid.edges, observed)
+        guides.append(parameters[: max(effort.guides - i * CHUNK, 0)])
+    masses = integrate(lambda p: case.density(grid.points(p)), grid.edges, draws=np.concatenate(guides), effort=effort)
     total = float(masses.sum())
-    failed = count - observed.sum()  # outside the plane counts as failed, too
+    failed = float(count - observed.sum())  # outside the plane counts as failed, too
     rest = max(1 - total, 0.0)
     p = p_value(np.append(observed, failed), count * np.append(masses, rest))
-    if total > 1 + 2e-3:
-        p = 0.0  # no density: no set of draws follows it
-    return Result(case.name, p, observed, count * masses, (failed, count * rest), total, grid.edges)
+    return Result(case.name, p, observed, count * masses, (failed, count * rest), total, count, grid.edges)
 
 
 def p_value(counts: np.ndarray, expected: np.ndarray) -> float:
@@ -169,10 +239,11 @@ def threshold(tests: int) -> float:
 
 def assert_follows(case: Case, folder: Path, tests: int, count: int = 100_000) -> Result:
     result = chi_squared(case, count)
-    if not result.p_value > threshold(tests):
+    if not result.passes(tests):
         raise AssertionError(
             f"{case.name}: chi-squared p-value {result.p_value:.3g}, {threshold(tests):.3g} is wanted; the density "
-            f"integrates to {result.total:.6f}, {result.failed[0]:.0f} draws of {count} failed. "
+            f"integrates to {result.total:.6f}, {result.failed[0]:.0f} draws of {count} failed: together too much by "
+            f"{result.excess:.6f}, {result.excess_allowed:.6f} is allowed. "
             f"Observed and expected: {plot(result, folder)}"
         )
     return result
@@ -201,12 +272,17 @@ def plot(result: Result, folder: Path) -> Path:
 
 
 def integrate(
-    density: Density, edges: Edges, tolerance: float = TOLERANCE, draws: np.ndarray | None = None
+    density: Density,
+    edges: Edges,
+    tolerance: float | None = None,
+    draws: np.ndarray | None = None,
+    effort: Effort = QUICK,
 ) -> np.ndarray:
     """Integrals (a, b) of a density over the cells between `edges`.
 
     Gauss's rules of 3 x 3 and 5 x 5 points; a cell where they disagree is cut in four, over and over: what a jump in
-    the density crosses is found to 2^-MAX_SPLITS of a side. The tolerance is of the mean cell's share of the whole.
+    the density crosses is found to 2^-splits of a side. So is one where there is something at some of the points or
+    corners and nothing at others, down to 2^-rims. The tolerance is of the mean cell's share of the whole.
     `draws` (n, 2), drawn by the density if all is right, show where both rules may have missed something narrow: there
     the cells are cut, too. That makes the integral better, and never moves it towards the draws.
     """
@@ -216,20 +292,22 @@ def integrate(
     boxes = np.concatenate([x[owner // shape[1]], y[owner % shape[1]]], axis=1)  # x0, x1, y0, y1
     draws, at = _cells_of(np.zeros((0, 2)) if draws is None else draws, edges)
     count = max(len(draws), 1)
-    masses = np.zeros(len(owner))
-    for split in range(MAX_SPLITS + 1):
-        coarse, fine = _gauss(density, boxes, 3), _gauss(density, boxes, 5)
+    masses, tolerance = np.zeros(len(owner)), tolerance or effort.tolerance
+    for split in range(effort.splits + 1):
+        (coarse, some, every), (fine, _, _) = _gauss(density, boxes, 3), _gauss(density, boxes, 5)
         # Errors of parts have either sign: a part may be off by more than its share.
         excess = np.abs(coarse - fine) / (tolerance / masses.size * 2.0**-split)
         if len(draws):
             met = np.bincount(at, minlength=len(boxes))
-            excess = np.maximum(excess, np.abs(met - count * fine) / (4 * np.sqrt(np.maximum(count * fine, 1))))
+            excess = np.maximum(excess, np.abs(met - count * fine) / (GUIDED * np.sqrt(np.maximum(count * fine, 1))))
             excess[(met > 0) & (fine == 0)] = np.inf
-        wrong = excess > 1
-        if split == MAX_SPLITS:
+        if split < effort.rims:
+            excess[some & ~every] = np.inf
+        wrong = (excess > 1) | (split < effort.halved)
+        if split == effort.splits:
             wrong[:] = False
-        elif wrong.sum() > MAX_BOXES:
-            wrong = excess >= np.partition(excess, -MAX_BOXES)[-MAX_BOXES]
+        elif wrong.sum() > effort.boxes:
+            wrong = excess >= np.partition(excess, -effort.boxes)[-effort.boxes]
         masses += np.bincount(owner[~wrong], fine[~wrong], minlength=masses.size)
         if not wrong.any():
             break
@@ -254,13 +332,17 @@ def _follow(draws: np.ndarray, at: np.ndarray, boxes: np.ndarray, wrong: np.ndar
     return draws, 4 * (np.cumsum(wrong) - 1)[at] + quarter
 
 
-def _gauss(density: Density, boxes: np.ndarray, order: int) -> np.ndarray:
+def _gauss(density: Density, boxes: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The integral over each box, and whether the density is above 0 at some of the points and corners, and at all."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
-    u, v = (a.ravel() for a in np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij"))
+    places, weights = np.array([*(nodes + 1) / 2, 0, 1]), np.array([*weights, 0, 0])
+    u, v = (a.ravel() for a in np.meshgrid(places, places, indexing="ij"))
+    both = np.outer(weights, weights).ravel()
+    used = (both > 0) | ((u % 1 == 0) & (v % 1 == 0))
     width, height = boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2]
-    points = np.stack([boxes[:, :1] + np.outer(width, u), boxes[:, 2:3] + np.outer(height, v)], axis=-1)
+    points = np.stack([boxes[:, :1] + np.outer(width, u[used]), boxes[:, 2:3] + np.outer(height, v[used])], axis=-1)
     values = np.asarray(density(points.reshape(-1, 2)), np.float64).reshape(len(boxes), -1)
-    return values @ np.outer(weights, weights).ravel() / 4 * width * height
+    return values @ both[used] / 4 * width * height, (values > 0).any(axis=1), (values > 0).all(axis=1)
 
 
 def _quarters(boxes: np.ndarray) -> np.ndarray:

@@ -43,3 +43,25 @@ class Crossed:
 
     def density(self, points: np.ndarray) -> np.ndarray:
         return self.told.density(points)
+
+
+@dataclass
+class Scaled:
+    """A case whose density is too large by a factor, which leaves its shape."""
+
+    case: chi2.Case
+    factor: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.case.name} x {self.factor:g}"
+
+    @property
+    def extent(self) -> float | None:
+        return self.case.extent
+
+    def draw(self, count: int, seed: int):
+        return self.case.draw(count, seed)
+
+    def density(self, points: np.ndarray) -> np.ndarray:
+        return self.factor * self.case.density(points)

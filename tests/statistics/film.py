@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from engine import Settings
 from engine.kernels.camera import generate_ray, pack_camera
 from engine.kernels.film.filter import build_filter_table, filter_density, sample_filter
 from engine.kernels.jit import kernel
 from engine.kernels.registry import Sampler
+from engine.reference.camera import camera_rays, filter_offsets
 from engine.scene import Aperture, Camera
 from tests.statistics import chi2
 from tests.statistics.drawn import Drawn
@@ -26,19 +28,33 @@ def draw_rays(camera, orthographic, lens, points, u, out):
         out[i, 6], out[i, 7] = near, far
 
 
+WIDTH, HEIGHT = 200, 100  # pixels
+
+
 class Lens(Drawn):
     """Where the rays of one pixel start, in half heights of the lens."""
 
     extent = 1.02
 
-    def __init__(self, aperture: Aperture) -> None:
-        self.aperture, self.name = aperture, f"lens of {aperture.blades} blades, ratio {aperture.ratio:g}"
+    def __init__(self, aperture: Aperture, orthographic: bool = False, reference: bool = False) -> None:
+        self.aperture, self.reference = aperture, reference
+        self.camera = Camera(aperture=aperture, orthographic=orthographic)
+        self.name = f"lens of {aperture.blades} blades, ratio {aperture.ratio:g}"
+        self.name += ", orthographic" * orthographic + ", reference" * reference
+
+    def rays(self, points: np.ndarray, seed: int) -> np.ndarray:
+        """(n, 8): origin, direction, t_near, t_far of rays through these points of the picture."""
+        if self.reference:
+            rays = camera_rays(self.camera, points, (WIDTH, HEIGHT), np.random.default_rng(seed))
+            return np.column_stack(rays)
+        out, u = np.empty((len(points), 8), np.float32), chi2.uniforms(len(points), 2, seed)
+        packed = pack_camera(self.camera, WIDTH, HEIGHT)
+        draw_rays(packed, int(self.camera.orthographic), 1, np.asarray(points, np.float32), u, out)
+        return out.astype(float)
 
     def draw(self, count: int, seed: int):
-        out = np.empty((count, 8), np.float32)
-        packed = pack_camera(Camera(aperture=self.aperture), 200, 100)
-        draw_rays(packed, 0, 1, np.full((count, 2), 50, np.float32), chi2.uniforms(count, 2, seed), out)
-        points = out[:, :2].astype(float) / self.aperture.radius
+        middle = np.tile([WIDTH / 2, HEIGHT / 2], (count, 1))
+        points = self.rays(middle, seed)[:, :2] / self.aperture.radius
         return points, (np.abs(points) < self.extent).all(axis=1)
 
     def density(self, points: np.ndarray) -> np.ndarray:
@@ -53,7 +69,10 @@ class Lens(Drawn):
 
 
 def lenses(entry: Sampler) -> Iterator[chi2.Case]:
-    yield from (Lens(replace(entry.example, ratio=ratio)) for ratio in (1.0, 2.0))
+    for ratio in (1.0, 2.0):
+        yield Lens(replace(entry.example, ratio=ratio))
+        yield Lens(replace(entry.example, ratio=ratio), reference=True)
+    yield Lens(replace(entry.example, rotation=1.1), orthographic=True)
 
 
 @kernel
@@ -63,13 +82,19 @@ def draw_filter(table, u, out):
 
 
 class Filter(Drawn):
-    def __init__(self, name: str, width: float) -> None:
-        self.filter, self.width, self.name = name, width, f"{name} filter of {width:g} pixels"
-        self.extent = 1.05 * float(np.abs(self.draw(1000, 1)[0]).max())
+    def __init__(self, name: str, width: float, reference: bool = False) -> None:
+        self.filter, self.width, self.reference = name, width, reference
+        self.name = f"{name} filter of {width:g} pixels" + ", reference" * reference
+        self.table = build_filter_table(name, width)
+        # Where the box ends lies an edge of the grid.
+        self.extent = 0.5 * chi2.PLANE_CELLS / 16 if name == "BOX" else 1.02 * width
 
     def draw(self, count: int, seed: int):
+        if self.reference:
+            settings = Settings(pixel_filter=self.filter, filter_width=self.width)
+            return filter_offsets(settings, count, np.random.default_rng(seed)), np.ones(count, bool)
         out = np.empty((count, 2), np.float32)
-        draw_filter(build_filter_table(self.filter, self.width), chi2.uniforms(count, 2, seed), out)
+        draw_filter(self.table, chi2.uniforms(count, 2, seed), out)
         return out.astype(float), np.ones(count, bool)
 
     def density(self, points: np.ndarray) -> np.ndarray:
@@ -77,4 +102,5 @@ class Filter(Drawn):
 
 
 def filters(entry: Sampler) -> Iterator[chi2.Case]:
-    yield from (Filter(entry.example, width) for width in (0.01, 1.5, 10.0))
+    for width in (0.01, 1.5, 10.0):
+        yield from (Filter(entry.example, width, reference) for reference in (False, True))

@@ -19,7 +19,7 @@ from engine.kernels.light.groups import group_shares
 from engine.kernels.registry import Sampler
 from engine.kernels.tables import DIFFUSE_RAY
 from engine.pack import pack
-from engine.reference.lights import make_lamp
+from engine.reference.lights import make_lamp, make_world
 from engine.scene import Camera, Material, Mesh, PointLight, World
 from tests.statistics import chi2
 from tests.statistics.drawn import TILTED, UP, Drawn
@@ -100,14 +100,24 @@ class Light(Drawn):
 SHEARED = np.array([(1.3, 0.4, 0.1, 0.1), (0.2, -0.7, 0.3, -0.2), (0.1, 0.2, 0.9, 0.05)])
 
 
-def positions(size: float) -> dict[str, tuple]:
-    """Where a light of this half size about the origin, that shines along -z, is looked at from: (p, n)."""
+def cone(lamp) -> float:
+    """Half the angle that a lamp shines into, about its -z."""
+    return getattr(lamp, "half_angle", getattr(lamp, "spread", np.pi) / 2)
+
+
+def positions(size: float, reach: float = np.pi / 2) -> dict[str, tuple]:
+    """Where a light of this half size about the origin, that shines along -z, is looked at from: (p, n). `reach`: half
+    the angle that it shines into."""
+    grazing, height = (2.5 * size, 0.4 * size, -0.05 * size), 0.1 * size
+    if reach < 1.5:  # right inside its cone, and not so close that it shows but a small part of itself
+        off, height = 0.93 * reach, 0.6 * size
+        grazing = tuple(2.5 * size * np.array([np.sin(off), 0.16 * np.sin(off), -np.cos(off)]))
     return {
         "near": ((0.2 * size, -0.3 * size, -1.5 * size), (0.0, 0.6, 0.8)),
         "far": ((40 * size, -30 * size, -200 * size), UP),
-        "grazing": ((2.5 * size, 0.4 * size, -0.05 * size), (-0.8, 0.0, 0.6)),
+        "grazing": (grazing, (-0.8, 0.0, 0.6)),
         "close": ((0.1 * size, 0.1 * size, -1.02 * size), UP),
-        "inside": ((0.3 * size, -0.2 * size, -0.1 * size), (0.6, 0.0, 0.8)),
+        "inside": ((0.3 * size, -0.2 * size, -height), (0.6, 0.0, 0.8)),
         "behind": ((0.1 * size, 0.2 * size, 1.7 * size), -UP),
     }
 
@@ -116,7 +126,7 @@ def lamps(entry: Sampler) -> Iterator[chi2.Case]:
     lamp = entry.example
     emitter = make_lamp(lamp, 1.0)
     size = lamp.radius if isinstance(lamp, PointLight) else lamp.size_x / 2
-    for where, (p, n) in positions(size).items():
+    for where, (p, n) in positions(size, cone(lamp)).items():
         yield lamp_case(f"{entry.name} lamp, {where}", lamp, emitter, p, n)
         yield ReferenceLight(f"{entry.name} lamp, {where}, reference", emitter, p, n)
     bent = replace(lamp, transform=SHEARED)
@@ -134,11 +144,12 @@ class ReferenceLight(Drawn):
         return np.tile(self.p, (count, 1)), np.tile(self.n, (count, 1))
 
     def draw(self, count: int, seed: int):
-        wi, _, _, pdf = self.emitter.sample(*self._at(count), np.random.default_rng(seed))
-        return wi, pdf > 0
+        wi, _, radiance, pdf = self.emitter.sample(*self._at(count), np.random.default_rng(seed))
+        return wi, (pdf > 0) & (radiance > 0).any(axis=1)
 
     def density(self, points: np.ndarray) -> np.ndarray:
-        return self.emitter.meet(*self._at(len(points)), points)[2]
+        _, radiance, density = self.emitter.meet(*self._at(len(points)), points)
+        return np.where((radiance > 0).any(axis=1), density, 0)
 
 
 def lamp_case(name: str, lamp, emitter, p, n) -> Light:
@@ -160,11 +171,14 @@ def everywhere(wi: np.ndarray) -> np.ndarray:
 def suns(entry: Sampler) -> Iterator[chi2.Case]:
     for n in (UP, (0.8, 0.0, 0.6)):
         yield Light(f"{entry.name} over {n[0]}", SUNS, Scene(lights=[entry.example]), (0, 0, 0), n, everywhere)
+    yield ReferenceLight(f"{entry.name}, reference", make_lamp(entry.example, 1.0), (0, 0, 0), UP)
 
 
 def worlds(entry: Sampler) -> Iterator[chi2.Case]:
     for turn in (np.eye(3), chi2.frame(TILTED)):
-        yield world_case(f"{entry.name} world {turn[0, 0]:.1f}", replace(entry.example, rotation=turn))
+        world = replace(entry.example, rotation=turn)
+        yield world_case(f"{entry.name} world {turn[0, 0]:.1f}", world)
+        yield ReferenceLight(f"{entry.name} world {turn[0, 0]:.1f}, reference", make_world(world, 1.0), (0, 0, 0), UP)
 
 
 def world_case(name: str, world: World) -> Light:

@@ -69,8 +69,8 @@ def lobes_of(case: Surface, count: int) -> reference.Lobes:
     color = np.ones((count, 3))
     n, ng = np.asarray(case.n, np.float32).astype(float), np.asarray(case.ng, np.float32).astype(float)
     return reference.Lobes(
-        kd=color * float(f32(case.kd)),
-        ks=color * float(f32(case.ks)),
+        kd=color * np.float32(case.kd).astype(float),
+        ks=color * np.float32(case.ks).astype(float),
         exponent=np.full(count, float(f32(case.exponent))),
         normal=np.tile(n, (count, 1)),
         flat=np.tile(ng, (count, 1)),
@@ -87,7 +87,7 @@ def assert_is_reference(case: Surface, wanted: Surface) -> None:
     diffuse, phong, wanted_pdf = reference.evaluate(lobes_of(wanted, len(wi)), wo, wi)
     wanted_f = (diffuse + phong)[:, 0]
     clear = np.minimum(np.abs(wi @ case.n), np.abs(wi @ case.ng)) > 1e-6
-    peak = case.ks * (case.exponent + 2) / (2 * np.pi) + case.kd
+    peak = np.max(case.ks) * (case.exponent + 2) / (2 * np.pi) + np.max(case.kd)
     assert np.allclose(f[clear], wanted_f[clear], rtol=tolerance(case.exponent), atol=FAINT * peak)
     assert np.allclose(pdf[clear], wanted_pdf[clear], rtol=tolerance(case.exponent), atol=FAINT * peak)
 
