@@ -3,7 +3,6 @@ than a choice by power."""
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
 from light_checks import assert_float32, assert_frequencies, from_python, vec
