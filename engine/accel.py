@@ -26,6 +26,8 @@ _BUILD_QUALITY_MEDIUM = 1
 # Rays don't slip between neighbouring triangles. Costs 5 to 17 % of the time; without it one in a million does, and
 # where a dark room has a bright sky outside that is a firefly.
 _SCENE_FLAG_ROBUST = 4
+# Leaves that hold the numbers of vertices, not the vertices: a tenth of the time to build less, and no time to trace.
+_SCENE_FLAG_COMPACT = 2
 
 _SIGNATURES = {
     "rtcNewDevice": (_P, [ctypes.c_char_p]),
@@ -139,7 +141,7 @@ class Accel:
         scene = library.rtcNewScene(device())
         self._scenes.append(scene)
         library.rtcSetSceneBuildQuality(scene, _BUILD_QUALITY_MEDIUM)
-        library.rtcSetSceneFlags(scene, _SCENE_FLAG_ROBUST)
+        library.rtcSetSceneFlags(scene, _SCENE_FLAG_ROBUST | _SCENE_FLAG_COMPACT)
         return scene
 
     def _attach(self, scene: int, geometry: int, mask: int, is_lamp: bool = False) -> None:
