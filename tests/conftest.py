@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,6 +52,27 @@ def record(request: pytest.FixtureRequest) -> Callable[[str, tuple[str, ...], di
 def figure(request: pytest.FixtureRequest) -> Callable[[str], None]:
     """Call it with a line for the worked claims at the end of the run, which are printed whether they held or not."""
     return lambda line: request.node.user_properties.append((FIGURE, line))
+
+
+@pytest.fixture
+def counted_calls() -> Callable[[Callable[[], object]], int]:
+    """`counted_calls(function)` says how many calls Python makes for it: what a clock can't tell on a busy machine."""
+
+    def count(function: Callable[[], object]) -> int:
+        calls = 0
+
+        def note(_frame, event, _argument):
+            nonlocal calls
+            calls += event in ("call", "c_call")
+
+        sys.setprofile(note)
+        try:
+            function()
+        finally:
+            sys.setprofile(None)
+        return calls
+
+    return count
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

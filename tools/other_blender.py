@@ -22,9 +22,9 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 
 # Version of Blender, from which on -> the versions that go with it, instead of those of the requirements.
 NUMPY = {(4, 2): "1.24.3", (4, 4): "1.26.4", (5, 1): "2.3.4"}
-SCIPY_FOR_OLD_NUMPY = "1.13.1"  # the newest scipy for a numpy before 1.26
+FOR_OLD_NUMPY = {"scipy": "1.13.1", "matplotlib": "3.10.8"}  # the newest ones for a numpy before 1.25
 PYTHON = {(4, 2): (3, 11), (5, 1): (3, 13)}
-TEST_PACKAGES = ("hypothesis", "pytest", "scipy")
+TEST_PACKAGES = ("flip-evaluator", "hypothesis", "matplotlib", "pytest", "scipy")
 
 
 def requirements(version: str, lines: list[str]) -> list[str]:
@@ -32,8 +32,8 @@ def requirements(version: str, lines: list[str]) -> list[str]:
     numpy = since(version, NUMPY)
     pins = dict(line.split("==") for line in lines if "==" in line)
     pins.update(bpy=version, numpy=numpy)
-    if numpy < "1.26" and "scipy" in pins:
-        pins["scipy"] = SCIPY_FOR_OLD_NUMPY
+    if numpy < "1.25":
+        pins.update((name, pin) for name, pin in FOR_OLD_NUMPY.items() if name in pins)
     return [f"{name}=={pin}" for name, pin in pins.items()]
 
 
@@ -44,19 +44,20 @@ def since(version: str, table: dict):
 
 
 def python_of(version: str) -> Path:
-    """The interpreter of the version's environment, which is made when it is missing."""
+    """The interpreter of the version's environment, made when it is missing or other packages are asked for."""
     folder = REPOSITORY / ".venv" / f"blender-{version}"
     python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
     installed = folder / "installed"
-    if not installed.is_file():
+    lines = (REPOSITORY / "requirements.txt").read_text().splitlines()
+    lines += [line for line in (REPOSITORY / "requirements-dev.txt").read_text().splitlines()
+              if line.partition("==")[0] in TEST_PACKAGES]  # fmt: skip
+    packages = requirements(version, lines)
+    if not installed.is_file() or installed.read_text().split() != packages:
         venv.create(folder, with_pip=True, clear=True)
-        lines = (REPOSITORY / "requirements.txt").read_text().splitlines()
-        lines += [line for line in (REPOSITORY / "requirements-dev.txt").read_text().splitlines()
-                  if line.partition("==")[0] in TEST_PACKAGES]  # fmt: skip
         pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        if subprocess.run([*pip, *requirements(version, lines)]).returncode:
+        if subprocess.run([*pip, *packages]).returncode:
             raise SystemExit(f"bpy {version} could not be installed: pip's message is above")
-        installed.touch()
+        installed.write_text("\n".join(packages))
     return python
 
 

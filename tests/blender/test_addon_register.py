@@ -16,18 +16,16 @@ from tools.lobe_blender import MODULE, build, product_files
 
 HEAVY = ("numba", "llvmlite", "embreex", "OpenImageIO", "scipy")
 
-# Run in a Python of its own: what enabling imports and how long it takes.
+# Run in a Python of its own: what enabling imports.
 ENABLE = f"""
-import json, os, sys, time
+import json, os, sys
 sys.path.insert(0, {str(Path(__file__).resolve().parents[2])!r})
 from tools.lobe_blender import enable_lobe, install
 os.environ["BLENDER_USER_RESOURCES"] = str(install())
 import bpy
-start = time.perf_counter()
 enable_lobe()
-seconds = time.perf_counter() - start
 bpy.context.scene.render.engine = "LOBE"
-print(json.dumps([seconds, [name for name in {HEAVY!r} if name in sys.modules], bpy.context.scene.lobe.samples]))
+print(json.dumps([[name for name in {HEAVY!r} if name in sys.modules], bpy.context.scene.lobe.samples]))
 """
 
 
@@ -60,11 +58,10 @@ def disabled():
     addon_utils.enable(MODULE, default_set=True)
 
 
-def test_enabling_is_quick_and_loads_no_compiler() -> None:
+def test_enabling_loads_no_compiler() -> None:
     done = subprocess.run([sys.executable, "-c", ENABLE], capture_output=True, text=True, check=True)
-    seconds, heavy, samples = json.loads(done.stdout.splitlines()[-1])
+    heavy, samples = json.loads(done.stdout.splitlines()[-1])
     assert heavy == []
-    assert seconds < 0.3
     assert samples == Settings().samples
 
 

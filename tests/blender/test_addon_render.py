@@ -215,28 +215,26 @@ def break_after(session, monkeypatch):
 def test_cancel_keeps_what_was_rendered(simple_scene, fake, rendered, report, break_after) -> None:
     simple_scene.lobe.samples = 100000
     break_after(0.3)
-    start = time.perf_counter()
     pixels = rendered(simple_scene)
-    assert time.perf_counter() - start < 0.3 + 0.5
     assert pixels[3, 5].tolist() == [5.0, 3.0, 0.0, 1.0]
     assert report["stopped"] and 0 < report["samples"] < 100000
 
 
 def test_cancel_does_not_wait_for_a_compilation(simple_scene, session, break_after, monkeypatch) -> None:
-    ended = threading.Event()
+    deaf, ended = threading.Event(), threading.Event()
 
     def render(scene, settings, *, progress=None, stop=None):
         progress(engine.Progress(0, 4, 0.0, None, "compiling (first time only)", lambda: None))
-        time.sleep(2.0)  # deaf, as a compiler is
+        assert deaf.wait(60.0)  # as a compiler is
         assert stop()
         ended.set()
         return engine.Result(coordinates(scene), 0, stopped=True)
 
     monkeypatch.setattr(session.lobe, "render", render)
     break_after(0.1)
-    start = time.perf_counter()
     bpy.ops.render.render()
-    assert time.perf_counter() - start < 0.1 + 0.5
+    assert not ended.is_set()
+    deaf.set()
     assert ended.wait(5.0)  # and it was told to stop
 
 
