@@ -1,4 +1,5 @@
-"""How long Lobe makes one wait: enabling the add-on, the first-ever compilation, the first pixels of a warm render.
+"""How long Lobe makes one wait: enabling the add-on, the first-ever compilation, the first pixels of a warm render, and
+the end after Escape.
 
     python benchmarks/startup.py --runs 5
 
@@ -6,7 +7,8 @@ Each figure is taken in fresh Python processes. "enable" is what the add-on adds
 `addon_utils.enable`, with Blender and numpy loaded already. "first pixels" runs from the call of the render operator
 in a process that has not rendered before to the first picture that the engine hands over, of a cube and a lamp at
 256 x 256, with the kernels in the disk cache. "compilation" is the same render with an empty cache: the engine's own
-count, and what the whole render took longer. Results go to benchmarks/results/startup.csv and .md.
+count, and what the whole render took longer. "cancelled" is from Escape to the end of the operator, in the middle of
+a render of sample_blends/instances.blend. Results go to benchmarks/results/startup.csv and .md.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from tools.render import whole_number
 
 RENDER = "--child-render"
 ENABLE = "--child-enable"
+CANCEL = "--child-cancel"
 
 
 def child_enable() -> dict:
@@ -80,6 +83,23 @@ def child_render() -> dict:
             "messages": messages}  # fmt: skip
 
 
+def child_cancel() -> dict:
+    """Seconds from Escape to the end of the render."""
+    common.enable_lobe()
+    from bl_ext.user_default.lobe.addon import session
+    from bl_ext.user_default.lobe.addon.report import last_report
+
+    scene = common.br.open_blend(common.scene_path("instances"))
+    common.br.set_engine(scene, "LOBE")
+    common.br.set_resolution(scene, 1920, 1080)
+    scene.lobe.samples = 1 << 16
+    escape = time.perf_counter() + 3.0
+    session.Session.cancelled = lambda self: time.perf_counter() > escape
+    common.br.render(scene)
+    assert last_report["stopped"], "it ended by itself"
+    return {"cancel": time.perf_counter() - escape}
+
+
 def run_child(kind: str, **environment: str) -> dict:
     done = subprocess.run([sys.executable, __file__, kind], capture_output=True, text=True,
                           env={**os.environ, **environment})  # fmt: skip
@@ -96,11 +116,13 @@ def main() -> int:
 
     enable = [run_child(ENABLE) for _ in range(options.runs)]
     warm = [run_child(RENDER) for _ in range(options.runs + 1)][1:]
+    cancel = [run_child(CANCEL) for _ in range(options.runs)]
     rows = [
         line("add-on enabled", [r["enable"] for r in enable], "0.3"),
         line("first pixels, warm", [r["first"] for r in warm], "0.5"),
         line("kernels loaded, warm", [r["compile"] for r in warm], "0.5"),
     ]
+    rows.append(line("cancelled", [r["cancel"] for r in cancel], "0.5"))
     cold = []
     for _ in range(options.cold_runs):
         with tempfile.TemporaryDirectory() as cache:
@@ -126,7 +148,7 @@ def line(what: str, seconds: list[float], at_most: str) -> dict:
 
 
 if __name__ == "__main__":
-    children = {ENABLE: child_enable, RENDER: child_render}
+    children = {ENABLE: child_enable, RENDER: child_render, CANCEL: child_cancel}
     if sys.argv[1:] and sys.argv[1] in children:
         with common.br.quiet_stdout() as say:
             say(json.dumps(children[sys.argv[1]]()))
