@@ -62,17 +62,17 @@ PLANS = {
         "cornell_diffuse": Plan((32, 32), 4096),
         "plates_phong": Plan((48, 32), 16384),
         "lamps": Plan((48, 32), 8192),
-        "world": Plan((48, 32), 4096),
+        "world": Plan((48, 32), 16384),
         "instances": Plan((48, 32), 1024),
         "many_lights": Plan((48, 32), 2048),
     },
     "REFERENCE": {
         "cornell_diffuse": Plan((24, 16), 2048),
-        "plates_phong": Plan((24, 16), 2048),
+        "plates_phong": Plan((24, 16), 8192),
         "lamps": Plan((24, 16), 2048),
         "world": Plan((24, 16), 2048),
         "instances": Plan((24, 16), 1024),
-        "many_lights": Plan((24, 16), 384),
+        "many_lights": Plan((24, 16), 1536),
     },
 }
 OTHER_SCENES = Plan((96, 64), 64)

@@ -195,6 +195,8 @@ def image_with_alpha(folder, space: str, kind: str, suffix: str = "png"):
 @pytest.mark.parametrize("packed", [False, True])
 def test_alpha_of_an_environment(space, kind, suffix, mode, packed, tmp_path):
     """Its colour counts as multiplied with alpha."""
+    if packed and kind == "uint16" and bpy.app.version >= (5, 1, 0):
+        pytest.skip("Cycles multiplies these twice from 5.1 on")
     tree, background = new_world()
     image = image_with_alpha(tmp_path, space, kind, suffix)
     image.alpha_mode = mode
