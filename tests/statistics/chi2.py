@@ -26,6 +26,7 @@ MIN_EXPECTED = 5
 PILOTS = 4000
 RINGS, OUTER_RINGS, SECTORS = 16, 5, 16
 THIN, WIDE = 1e-3, 4.0  # the first ring beyond the draws; largest ratio of a ring's radii
+CORE = 0.005  # share of the draws that the innermost ring may hold
 PLANE_CELLS = 20
 CHUNK = 500_000  # draws at a time
 GUIDED = 4.0  # standard deviations by which draws differ where the quadrature has to look again
@@ -104,17 +105,18 @@ class Sphere:
     def fit(cls, pilots: np.ndarray, density: np.ndarray) -> Sphere:
         """The whole sphere about where the pilot draws (n, 3) are densest, in rings that hold equal shares of them.
 
-        Rings that would be too wide are divided, as what lies far out may be a broad lobe about a narrow one; and
-        right beyond the last draw they are thin, as what was drawn may end there.
+        Rings that would be too wide are divided, as what lies far out may be a broad lobe about a narrow one, and so
+        is the first; right beyond the last draw they are thin, as what was drawn may end there.
         """
         mean = density @ pilots
         length = np.linalg.norm(mean)
         axis = mean / length if length > 1e-3 * density.sum() else np.array([0.0, 0, 1])
         drops, phi = cls(axis, (np.zeros(0), np.zeros(0))).parameters(pilots).T
         inner = np.quantile(drops, np.arange(1, RINGS + 1) / RINGS) if len(pilots) else np.linspace(0, 1, RINGS + 1)[1:]
-        last = inner[-1]
-        edges = [0, *inner, *(last * (1 + THIN * 4.0 ** np.arange(OUTER_RINGS)))]
-        wide = [a * WIDE ** np.arange(1, np.ceil(np.log(b / a) / np.log(WIDE))) for a, b in pairwise([*edges[1:], 2])]
+        first, last = (np.quantile(drops, CORE) if len(pilots) else 1.0), inner[-1]
+        steps = np.arange(1, np.log(inner[0] / first) / np.log(WIDE)) if first > 0 else np.zeros(0)
+        edges = [0, *(inner[0] / WIDE**steps), *inner, *(last * (1 + THIN * 4.0 ** np.arange(OUTER_RINGS)))]
+        wide = [a * WIDE ** np.arange(1, np.ceil(np.log(b / a) / np.log(WIDE))) for a, b in pairwise([*inner, 2])]
         edges = np.unique(np.concatenate([edges, *wide]))
         sectors = np.linspace(0, 2 * np.pi, 5)
         if len(pilots):  # the same shares of a strip, which lies along two of them
