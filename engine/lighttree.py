@@ -51,7 +51,7 @@ def build_light_tree(
     integers = nodes.view(np.int32)
     if count == 0:
         integers[0, words.CHILD] = -1
-        return LightTree(nodes, integers, paths)
+        return LightTree(nodes, integers, _halves(paths))
     emitters = np.ones((count, SUMS))
     emitters[:, LOW:AXIS_SUM] = bounds
     emitters[:, AXIS_SUM:WIDEST_O] = axis
@@ -62,7 +62,12 @@ def build_light_tree(
         emitters[:, SIDES] = -1
     stack = np.zeros((STACK_ROWS, 5), np.int64)
     _build(emitters, np.arange(count), stack, np.zeros((3, BUCKETS + 1, SUMS)), nodes, integers, paths)
-    return LightTree(nodes, integers, paths)
+    return LightTree(nodes, integers, _halves(paths))
+
+
+def _halves(paths: np.ndarray) -> np.ndarray:
+    """(E,) uint64 as (E, 2) uint32, the lower half first on any machine."""
+    return np.stack([paths & np.uint64(0xFFFFFFFF), paths >> np.uint64(32)], axis=1).astype(np.uint32)
 
 
 def load_builder() -> None:

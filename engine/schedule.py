@@ -21,9 +21,10 @@ import numpy as np
 from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
-from .kernels.embree import build_monitor, lamp_filter, new_ray
+from .kernels.embree import build_monitor, lamp_filter
 from .kernels.jit import lost_cache
-from .kernels.path import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables, make_tile_kernel
+from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
+from .kernels.tile import make_tile_kernel, new_memory
 from .lighttree import load_builder
 from .pack import Packed, pack
 from .result import Progress, Result
@@ -202,12 +203,13 @@ class _Render:
         film, seed = self.film, np.uint32(self.settings.seed & 0xFFFFFFFF)
         origin = np.array(film.region[:2], np.int64)
         half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
-        ray, counters, rays = new_ray(packed.lights.shape_count), np.zeros(COUNTERS, np.int64), 0
+        memory = new_memory(packed.features, packed.lights.shape_count)
+        counters, rays = np.zeros(COUNTERS, np.int64), 0
         for tile in tiles:
             if self.halt[0] or (first > 0 and time.perf_counter() > self.watch.deadline):
                 break  # the first pass is finished in any case: a picture with holes is none
             rays += render_tile(
-                tables, limits, ray, tile, first, count, seed, origin, film.sums, film.samples, half, active,
+                tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active,
                 counters, self.halt,
             )  # fmt: skip
         return rays, counters
@@ -281,9 +283,9 @@ def _load_kernel(packed: Packed, settings: Settings) -> None:
     limits = _limits(packed.features, settings)
     with _no_garbage_collection():
         tile_kernel(packed.features)(
-            _tables(packed), limits, new_ray(), (0, 0, 0, 0), 0, 0, np.uint32(0), np.zeros(2, np.int64),
-            np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_),
-            np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
+            _tables(packed), limits, new_memory(packed.features), (0, 0, 0, 0), 0, 0, np.uint32(0),
+            np.zeros(2, np.int64), np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)),
+            np.ones((1, 1), np.bool_), np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
         )  # fmt: skip
 
 

@@ -8,13 +8,14 @@ from ..features import IMAGE_WORLD, NO_EMITTER
 from .bsdf import evaluate
 from .bsdf.diffuse import diffuse_f
 from .embree import intersect, occluded
-from .geom.surface import find_surface, offset_origin
+from .geom.surface import find_surface, hit_of, offset_origin
 from .geom.vec import BLACK, FAR, HALF, ONE, ZERO, add, add_scaled, dot, is_black, mul, negate, scale, sub
 from .jit import device
 from .light.emitters import sample_light
 from .mis import sampled_light_weight
 from .records import LIGHT_CHOICE, LIGHT_POINT, MAX_TRANSPARENT, WHITE, material_color, without_density
 from .sampler.sobol import sample_1d, sample_2d
+from .simd import any_of, select
 from .tables import DIFFUSE_RAY, GLOSSY_RAY, SHADOW_RAY, TRANSPARENCY
 
 # A shadow ray ends a little before the light, so that it does not meet the light itself: this part of its length, and
@@ -31,25 +32,32 @@ def samples_lights(f):
 @device
 def direct_light(f, tables, memory, vertex, numbers):
     """(radiance towards wo by one light sample, rays traced)."""
-    geometry, p, n = tables.geometry, vertex.p, vertex.n
+    light, contribution = unshadowed_light(f, tables, vertex, numbers)
+    if not light.shadowed or not light.pdf > ZERO or is_black(contribution):
+        return contribution, 0
+    direction, t_far = shadow_segment(vertex, light)
+    through, rays = _transmittance(f, tables.geometry, memory, vertex.start, direction, t_far)
+    return mul(contribution, through), rays
+
+
+@device
+def unshadowed_light(f, tables, vertex, numbers):
+    """(a `LightSample`, radiance towards wo by it if nothing is in the way)."""
+    p, n, contribution = vertex.p, vertex.n, BLACK
     u = sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + LIGHT_CHOICE)
     u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, numbers.dimension + LIGHT_POINT)
-    light = sample_light(f, geometry, tables.lights, tables.environment, tables.tree, p, n, vertex.own, u, u1, u2)
-    if not light.pdf > ZERO:
-        return without_density(light.pdf), 0
-    if is_black(light.radiance):
-        return BLACK, 0
-    value, pdf = evaluate(f.phong, f.hemisphere, vertex.surface, vertex.wo, light.wi, n, vertex.ng)
-    if is_black(value):
-        return BLACK, 0
-    value = _lit_lobes(f, vertex.surface, value, light.mask)
-    weight = dot(n, light.wi) / light.pdf
-    weight *= sampled_light_weight(light, pdf)
-    contribution = scale(mul(value, light.radiance), weight)
-    if not light.shadowed or is_black(contribution):
-        return contribution, 0
-    through, rays = _shadow(f, geometry, memory, vertex, light)
-    return mul(contribution, through), rays
+    light = sample_light(
+        f, tables.geometry, tables.lights, tables.environment, tables.tree, p, n, vertex.own, u, u1, u2
+    )
+    drawn = light.pdf > ZERO
+    if any_of(drawn):
+        value, pdf = evaluate(f.phong, f.hemisphere, vertex.surface, vertex.wo, light.wi, n, vertex.ng)
+        nothing = is_black(light.radiance) | is_black(value)
+        value = _lit_lobes(f, vertex.surface, value, light.mask)
+        weight = dot(n, light.wi) / light.pdf
+        weight *= sampled_light_weight(light, pdf)
+        contribution = select(nothing, BLACK, scale(mul(value, light.radiance), weight))
+    return light, select(drawn, contribution, without_density(light.pdf))
 
 
 @device
@@ -57,22 +65,19 @@ def _lit_lobes(f, surface, value, mask):
     """Of the BRDF's value, what the lobes contribute whose kind of ray sees a light of this mask."""
     if f.ray_kinds:
         diffuse = diffuse_f(surface[0])
-        if not mask & GLOSSY_RAY:
-            value = diffuse
-        if not mask & DIFFUSE_RAY:
-            value = sub(value, diffuse) if mask & GLOSSY_RAY else BLACK
+        sees_diffuse, sees_glossy = mask & DIFFUSE_RAY != np.uint32(0), mask & GLOSSY_RAY != np.uint32(0)
+        lit = select(sees_diffuse, diffuse, BLACK)
+        value = select(sees_glossy, select(sees_diffuse, value, sub(value, diffuse)), lit)
     return value
 
 
 @device
-def _shadow(f, geometry, memory, vertex, light):
-    """(fraction of the sampled light that arrives at the vertex, rays traced)."""
-    direction, t_far = light.wi, FAR
-    if light.t < FAR:
-        # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
-        direction = sub(add_scaled(vertex.p, light.wi, light.t), vertex.start)
-        t_far = _shadow_end(vertex.p, light.t)
-    return _transmittance(f, geometry, memory, vertex.start, direction, t_far)
+def shadow_segment(vertex, light):
+    """(direction, t_far) of the shadow ray from the vertex's start to a `LightSample`."""
+    # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
+    near = light.t < FAR
+    aimed = sub(add_scaled(vertex.p, light.wi, select(near, light.t, ONE)), vertex.start)
+    return select(near, aimed, light.wi), select(near, _shadow_end(vertex.p, light.t), FAR)
 
 
 @device
@@ -96,7 +101,7 @@ def _transmittance(f, geometry, memory, start, direction, t_far):
     for i in range(MAX_TRANSPARENT):
         if not intersect(accel, ray, words, start, direction, ZERO, t_far, SHADOW_RAY):
             return through, i + 1
-        p, _, ng, material, _ = find_surface(f, geometry, ray, words, negate(direction))
+        p, _, ng, material, _ = find_surface(f, geometry, hit_of(f, geometry, ray, words), negate(direction))
         through = mul(through, material_color(geometry, material, TRANSPARENCY))
         if is_black(through):
             return through, i + 1

@@ -1,4 +1,4 @@
-"""Embree as seen from kernels: the library, its entry points, the ray that kernels hand over, and a float's bits.
+"""Embree as seen from kernels: the library, its entry points, and the ray that kernels hand over.
 
 The library is the one that the `embreex` wheel carries. Building scenes is `engine/accel.py`'s business; here are
 only the two calls that a path makes, the layout of the memory that they read and write, and what Embree calls back.
@@ -22,6 +22,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from .jit import callback, device
+from .simd import bits_of
 
 
 def load_library() -> ctypes.CDLL:
@@ -33,18 +34,25 @@ def load_library() -> ctypes.CDLL:
 
 
 library = load_library()
-for _name in ("rtcIntersect1", "rtcOccluded1"):
+for _name in ("rtcIntersect1", "rtcOccluded1", "rtcIntersect16", "rtcOccluded16"):
     llvm.add_symbol(_name, ctypes.cast(getattr(library, _name), ctypes.c_void_p).value)
 
 _rtcIntersect1 = types.ExternalFunction("rtcIntersect1", types.void(types.voidptr, types.voidptr, types.voidptr))
 _rtcOccluded1 = types.ExternalFunction("rtcOccluded1", types.void(types.voidptr, types.voidptr, types.voidptr))
+_FOUR_POINTERS = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
+_rtcIntersect16 = types.ExternalFunction("rtcIntersect16", _FOUR_POINTERS)
+_rtcOccluded16 = types.ExternalFunction("rtcOccluded16", _FOUR_POINTERS)
 
 # RTCRayHit as float32 words (origin, tnear, direction, time, tfar, then as uint32 mask, id and flags; the hit).
 TNEAR, TFAR = 3, 8
 NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID = 12, 15, 16, 17, 18, 19, 20
 RAY_WORDS = 24
-# Behind it, for rays that note lamps, first the RTCIntersectArguments: flags, features, the context's address as two
-# words, two callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the lamps.
+# A packet, RTCRayHit16, has a row of sixteen for each of those words. Behind it a row for the mask of the rays that
+# count, and one for the RTCIntersectArguments that tell Embree that they start and go alike.
+VALID_ROW, ARGUMENTS_ROW, PACKET_ROWS = 22, 23, 24
+_COHERENT = 1 << 16  # RTC_RAY_QUERY_FLAG_COHERENT
+# Behind a single ray, for rays that note lamps, first the RTCIntersectArguments: flags, features, the context's address
+# as two words, two callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the lamps.
 _ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, LAMP_COUNT, _LAMP_ROOM, NOTED_LAMPS = 24, 25, 26, 34, 36, 37, 38
 # Words of a lamp that was noted. LEAVES is 1 where the ray goes out of a sphere, else 0.
 NOTED_GEOM, NOTED_PRIM, NOTED_T, NOTED_LEAVES, NOTED_WORDS = 0, 1, 2, 3, 4
@@ -70,6 +78,12 @@ def new_ray(lamp_count: int = 0) -> np.ndarray:
     return ray
 
 
+def init_packet(packet: np.ndarray) -> None:
+    """What of a packet's memory (PACKET_ROWS, 16), aligned to 64 bytes, stays as it is."""
+    arguments = packet[ARGUMENTS_ROW].view(np.uint32)
+    arguments[0], arguments[1] = _COHERENT, _ALL_FEATURES
+
+
 @intrinsic
 def _pointer(typing_context, address):
     """An integer address as the pointer type that external functions take."""
@@ -78,16 +92,6 @@ def _pointer(typing_context, address):
         return builder.inttoptr(args[0], cgutils.voidptr_t)
 
     return types.voidptr(types.uintp), codegen
-
-
-@intrinsic
-def bits_of(typing_context, value):
-    """The bits of a float32 as an int32."""
-
-    def codegen(context, builder, signature, args):
-        return builder.bitcast(args[0], context.get_value_type(types.int32))
-
-    return types.int32(types.float32), codegen
 
 
 @device
@@ -164,6 +168,26 @@ def lamp_filter():
         head[LAMP_COUNT - _CONTEXT] = count + np.uint32(1)
 
     return note
+
+
+@device
+def intersect_packet(scene, packet, words, coherent):
+    """As `intersect`, for the rays of a packet that are marked in VALID_ROW. The caller has set all other rows."""
+    address = np.uintp(packet.ctypes.data)
+    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(address + np.uintp(64 * ARGUMENTS_ROW))
+    _rtcIntersect16(
+        _pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments if coherent else np.uintp(0))
+    )
+
+
+@device
+def occluded_packet(scene, packet, words, coherent):
+    """As `occluded`: of rays that something blocks, TFAR is then below 0."""
+    address = np.uintp(packet.ctypes.data)
+    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(address + np.uintp(64 * ARGUMENTS_ROW))
+    _rtcOccluded16(
+        _pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments if coherent else np.uintp(0))
+    )
 
 
 @device

@@ -119,11 +119,13 @@ def lost_cache() -> str:
     return f"compiled kernels are lost at the end, as {' and '.join(map(repr, places))} can't be written to"
 
 
+FASTMATH: set[str] = set() if AS_WRITTEN else {"contract", "reassoc", "nsz", "arcp", "afn"}
+
 _OPTIONS = {
     "error_model": "numpy",
     "nogil": True,
     "cache": True,
-    "fastmath": set() if AS_WRITTEN else {"contract", "reassoc", "nsz", "arcp", "afn"},
+    "fastmath": FASTMATH,
     # No reference counts: kernels allocate nothing, and counting the arrays that they hand to each other, with atomic
     # instructions that all threads share, made two threads four times slower.
     "_nrt": False,

@@ -19,8 +19,8 @@ from .embree import (
     intersect,
     intersect_noting_lamps,
 )
-from .geom.surface import find_surface, offset_origin
-from .geom.vec import BLACK, FAR, ONE, ZERO, add_scaled, is_black, length, negate, scale, sub
+from .geom.surface import find_surface, hit_of, offset_origin
+from .geom.vec import BLACK, FAR, ZERO, add_scaled, is_black, length, negate, scale, sub
 from .jit import device
 from .light.emitters import (
     emission,
@@ -31,10 +31,11 @@ from .light.emitters import (
     surface_seen_pdf,
     world_seen,
 )
-from .light.groups import NO_SHARES, group_shares
+from .light.groups import Shares, group_shares
 from .light.point import disk_distance, inside_lamp
 from .mis import met_light_weight
 from .records import MAX_TRANSPARENT, Light, Ray, Stretch, dimmed, gather, material_color
+from .simd import any_of, at, int32, no, select, to_index, uint32
 from .tables import CAMERA_RAY, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
 
 
@@ -51,31 +52,30 @@ def follow(f, tables, memory, ray, stretch, light):
     else:
         met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
     if not met:
-        light = _escaped(f, tables, ray, light)
+        light = escaped(f, tables, ray, light)
     return met, light
 
 
 @device
 def emitted(f, tables, ray, p, material, triangle):
     """(radiance, MIS weight included, of the surface that a ray met at p, the emitter there or -1)."""
-    own = np.int32(-1)
+    nobody = np.int32(-1)
     if not f.mesh_emitters:
-        return BLACK, own
-    radiance = emission(tables.geometry, material)
-    if is_black(radiance):
-        return BLACK, own
-    own = tables.lights.triangle_emitter[triangle]
-    if ray.as_shadow and not _lights_kind(tables.lights, own, ray.kind):
-        return BLACK, own
-    weight = ONE
-    if ray.pdf > ZERO:
-        pdf = ZERO
-        if own >= 0:
-            t = length(sub(p, ray.p))
-            pdf = surface_seen_pdf(f, tables.geometry, tables.lights, own, ray.p, ray.wi, t)
-            pdf *= local_probability(f, tables.lights, tables.tree, own, ray.p, ray.n)
-        weight = met_light_weight(f, ray, pdf)
-    return scale(radiance, weight), own
+        return BLACK, nobody
+    radiance, lights = emission(tables.geometry, material), tables.lights
+    shines = no(is_black(radiance))
+    if not any_of(shines):
+        return BLACK, nobody
+    own = select(shines, at(lights.triangle_emitter, triangle), nobody)
+    pdf, sampled = ZERO, (own >= np.int32(0)) & (ray.pdf > ZERO)
+    if any_of(sampled):
+        emitter = select(sampled, own, np.int32(len(lights.lamp_kind)))  # others take the first that there is
+        pdf = surface_seen_pdf(f, tables.geometry, lights, emitter, ray.p, ray.wi, length(sub(p, ray.p)))
+        pdf = select(sampled, pdf * local_probability(f, lights, tables.tree, emitter, ray.p, ray.n), ZERO)
+    weight = met_light_weight(f, ray, pdf)
+    if ray.as_shadow:
+        weight = select(_lights_kind(lights, own, ray.kind), weight, ZERO)
+    return select(shines, scale(radiance, weight), BLACK), own
 
 
 @device
@@ -96,7 +96,8 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
         rays += 1
         if not met:
             break
-        p, _, ng, material, triangle = find_surface(f, geometry, memory.floats, memory.words, negate(ray.wi))
+        hit = hit_of(f, geometry, memory.floats, memory.words)
+        p, _, ng, material, triangle = find_surface(f, geometry, hit, negate(ray.wi))
         found, _ = emitted(f, tables, ray, p, material, triangle)
         light = gather(f, light, found)
         if not f.transparency:
@@ -119,11 +120,12 @@ def _reach(f, ray):
 
 
 @device
-def _escaped(f, tables, ray, light):
+def escaped(f, tables, ray, light):
     """`light` with that of suns and of the world for a ray that left the scene. A transparent film shows no world."""
-    shares = NO_SHARES
-    if (f.world == IMAGE_WORLD or f.sun_disks) and ray.pdf > ZERO:
-        shares = group_shares(f, tables.lights, tables.tree, ray.p, ray.n)
+    suns, world = ZERO, ZERO
+    if (f.world == IMAGE_WORLD or f.sun_disks) and any_of(ray.pdf > ZERO):
+        _, suns, world = group_shares(f, tables.lights, tables.tree, ray.p, ray.n)
+    shares = Shares(ZERO, suns, world)
     if f.world != DARK_WORLD and not (f.transparent_film and ray.kind == CAMERA_RAY):
         seen, pdf = world_seen(f, tables.lights, shares, tables.environment, ray.wi, ray.kind)
         light = gather(f, light, scale(seen, met_light_weight(f, ray, pdf)))
@@ -137,7 +139,8 @@ def _escaped(f, tables, ray, light):
 @device
 def _lights_kind(lights, own, kind):
     """Whether rays of this kind see the emissive surface: light of what they don't see counts for no shadow ray."""
-    return own >= 0 and lights.emitter_mask[own - len(lights.lamp_kind)] & kind
+    i = to_index(max(int32(own - np.int32(len(lights.lamp_kind))), np.int32(0)))
+    return (own >= np.int32(0)) & (uint32(at(lights.emitter_mask, i)) & kind != np.uint32(0))
 
 
 @device

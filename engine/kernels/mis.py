@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from .geom.vec import ONE, ZERO
 from .jit import device
+from .simd import select
 
 
 @device
@@ -26,16 +27,13 @@ def power_heuristic(a, b):
 @device
 def sampled_light_weight(light, pdf_bsdf):
     """Of a `LightSample` whose direction has this density in BSDF sampling."""
-    return ONE if light.alone else power_heuristic(light.pdf, pdf_bsdf)
+    return select(light.alone, ONE, power_heuristic(light.pdf, pdf_bsdf))
 
 
 @device
 def met_light_weight(f, ray, pdf_light):
     """Of light that `ray` met, where pdf_light is the density with which light sampling draws its direction."""
-    if ray.pdf <= ZERO:
-        return ONE
-    if pdf_light <= ZERO:
-        return ZERO if ray.as_shadow else ONE
-    if f.shared_light or ray.as_shadow:
-        return power_heuristic(ray.pdf, pdf_light)
-    return ZERO
+    shares = f.shared_light or ray.as_shadow
+    weight = power_heuristic(ray.pdf, pdf_light) if shares else ZERO
+    weight = select(pdf_light <= ZERO, ZERO if ray.as_shadow else ONE, weight)
+    return select(ray.pdf <= ZERO, ONE, weight)

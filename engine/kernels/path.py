@@ -21,7 +21,7 @@ from .camera import generate_ray
 from .direct import direct_light, samples_lights
 from .embree import TFAR, is_finite
 from .film.filter import sample_filter
-from .geom.surface import find_surface, offset_origin
+from .geom.surface import find_surface, hit_of, offset_origin
 from .geom.vec import (
     BLACK,
     FAR,
@@ -41,6 +41,8 @@ from .jit import device, kernel
 from .met import emitted, follow, follow_as_shadow, sees_shadows_light
 from .records import (
     DIRECTION,
+    DIRECTIONS,
+    DRAWS,
     FIRST_VERTEX,
     KIND,
     LENS,
@@ -48,17 +50,16 @@ from .records import (
     MAX_TRANSPARENT,
     PASS,
     PIXEL,
+    REJECTED,
     ROULETTE,
     VERTEX_DECISIONS,
     WHITE,
     Bounces,
     Light,
-    Limits,
     Numbers,
     Ray,
     RayMemory,
     Stretch,
-    Tables,
     Vertex,
     dimmed,
     gather,
@@ -67,17 +68,12 @@ from .records import (
 )
 from .sampler.random import hash32
 from .sampler.sobol import hash_pixel, sample_1d, sample_2d, start_sample
+from .simd import at, float32, no, select
 from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, KD, KS, TRANSPARENCY
-
-__all__ = ["COUNTERS", "DIRECTIONS", "DRAWS", "REJECTED", "Limits", "Tables", "make_tile_kernel"]
 
 # Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule; on the Cornell box 1.25 takes
 # 5 % more rays and 13 % off the variance.
 ROULETTE_KEEP = np.float32(1.25)
-
-# What a kernel counts besides rays: samples that were not finite; points that rejection sampling drew, and for how
-# many directions.
-REJECTED, DRAWS, DIRECTIONS, COUNTERS = 0, 1, 2, 3
 
 
 @device
@@ -86,7 +82,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
     key, order = start_sample(pixel_hash, index)
     numbers = Numbers(key, order, FIRST_VERTEX)
     state = hash32(np.uint32(key ^ hash32(np.uint32(index))))  # the key alone is that of all samples of the pixel
-    ray, stretch = _camera_ray(f, tables, numbers, pixel_x, pixel_y)
+    ray, stretch = camera_ray(f, tables, numbers, pixel_x, pixel_y)
     light, alpha, rays = Light(BLACK, WHITE, limits.clamp_direct), ONE, 0
     bounces, passed, last = Bounces(0, 0, 0), 0, np.bool_(False)  # a plain False would be a type of its own
     while True:
@@ -97,8 +93,10 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
                 alpha = max(ONE - average(light.throughput), ZERO)
             break
         # What the ray met: emission, and perhaps it goes straight on.
-        hit = find_surface(f, tables.geometry, memory.floats, memory.words, negate(ray.wi))
-        p, _, ng, material, triangle = hit
+        surface = find_surface(
+            f, tables.geometry, hit_of(f, tables.geometry, memory.floats, memory.words), negate(ray.wi)
+        )
+        p, _, ng, material, triangle = surface
         found, own = emitted(f, tables, ray, p, material, triangle)
         if not is_black(found):
             light = gather(f, light, found)
@@ -112,16 +110,16 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
                     break
                 stretch = Stretch(offset_origin(p, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
                 continue
-        if last or not _reflects(tables.geometry, material):
+        if last or not reflects(tables.geometry, material):
             break
         # A vertex: direct light, and a new direction.
-        vertex = _make_vertex(f, tables.geometry, hit, ray, own)
+        vertex = make_vertex(f, tables.geometry, surface, ray, own)
         light = Light(light.radiance, light.throughput, _clamp_limit(limits, bounces.total + 1))
         if samples_lights(f):
             found, more = direct_light(f, tables, memory, vertex, numbers)
             light = gather(f, light, found)
             rays += more
-        ray, value, state = _scatter(f, tables, counters, vertex, numbers, state)
+        ray, value, state = scatter(f, tables, counters, vertex, numbers, state)
         if not ray.pdf > ZERO:
             light = gather(f, light, without_density(ray.pdf))
             break
@@ -131,7 +129,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
             rays += more
         bounces = _counted(f, bounces, ray.kind)
         last = _is_last(limits, bounces)
-        if last and not _last_ray_finds_light(f):
+        if last and not last_ray_finds_light(f):
             break
         if bounces.total > 1:
             survival = min(ONE, math.sqrt(ROULETTE_KEEP * max_component(light.throughput)))
@@ -143,12 +141,12 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
 
 
 @device
-def _camera_ray(f, tables, numbers, pixel_x, pixel_y):
+def camera_ray(f, tables, numbers, pixel_x, pixel_y):
     """The path's first `Ray`, and the `Stretch` of it between the clip planes."""
     u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, PIXEL)
     dx, dy = sample_filter(tables.filter_table, u1, u2)
-    x = np.float32(pixel_x) + HALF + dx
-    y = np.float32(pixel_y) + HALF + dy
+    x = float32(pixel_x) + HALF + dx
+    y = float32(pixel_y) + HALF + dy
     if f.lens:
         u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, LENS)
     origin, wi, t_near, t_far = generate_ray(tables.camera, f.orthographic, f.lens, x, y, u1, u2)
@@ -179,25 +177,27 @@ def _pass(tables, numbers, material, last):
 
 
 @device
-def _reflects(geometry, material):
-    return not is_black(add(material_color(geometry, material, KD), material_color(geometry, material, KS)))
+def reflects(geometry, material):
+    return no(is_black(add(material_color(geometry, material, KD), material_color(geometry, material, KS))))
 
 
 @device
-def _make_vertex(f, geometry, hit, ray, own):
-    """The `Vertex` at a hit of `find_surface` on the emitter `own`, if it is not -1."""
-    p, n, ng, material, _ = hit
+def make_vertex(f, geometry, surface, ray, own):
+    """The `Vertex` at what `find_surface` has found, on the emitter `own`, if it is not -1."""
+    p, n, ng, material, _ = surface
     wo = negate(ray.wi)
     kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
-    exponent = geometry.materials[material, EXPONENT] if f.phong else ZERO
+    exponent = at(geometry.materials, material, EXPONENT) if f.phong else ZERO
     cos_o = dot(n, wo)
     # A probability of 0 switches the Phong lobe off: seen from behind its shading normal it has no mirror side.
-    chance = phong_probability(f.lobe_selection, kd, ks, exponent, cos_o) if f.phong and cos_o > ZERO else ZERO
+    chance = ZERO
+    if f.phong:
+        chance = select(cos_o > ZERO, phong_probability(f.lobe_selection, kd, ks, exponent, cos_o), ZERO)
     return Vertex(p, n, ng, offset_origin(p, ng), wo, (kd, ks, exponent, chance), own)
 
 
 @device
-def _scatter(f, tables, counters, vertex, numbers, state):
+def scatter(f, tables, counters, vertex, numbers, state):
     """(new `Ray`, value of the BRDF, state of the generator). Without a density the path ends here."""
     key, order, dimension = numbers.key, numbers.order, numbers.dimension
     u = sample_1d(tables.sampler, key, order, dimension + LOBE) if f.phong else ZERO
@@ -208,21 +208,16 @@ def _scatter(f, tables, counters, vertex, numbers, state):
     if f.hemisphere == REJECTION and draws:
         counters[DRAWS] += draws
         counters[DIRECTIONS] += 1
-    if is_black(value):
-        pdf = ZERO
-    if not pdf > ZERO:
-        return Ray(vertex.p, vertex.n, wi, DIFFUSE_RAY, pdf, False), BLACK, state
+    pdf = select(is_black(value), ZERO, pdf)
     kind = DIFFUSE_RAY
     if f.ray_kinds:
         # The kind of the ray is drawn by the lobes' shares of the BRDF, whichever of them wi came from, so that each
         # lobe sees exactly what rays of its kind see.
         diffuse = diffuse_f(vertex.surface[0])
         share = min(average(diffuse) / average(value), ONE)
-        if sample_1d(tables.sampler, key, order, dimension + KIND) < share:
-            value = scale(diffuse, ONE / share)
-        else:
-            value = scale(sub(value, diffuse), ONE / (ONE - share))
-            kind = GLOSSY_RAY
+        glossy = no(sample_1d(tables.sampler, key, order, dimension + KIND) < share)
+        value = select(glossy, scale(sub(value, diffuse), ONE / (ONE - share)), scale(diffuse, ONE / share))
+        kind = select(glossy, GLOSSY_RAY, DIFFUSE_RAY)
     return Ray(vertex.p, vertex.n, wi, kind, pdf, False), value, state
 
 
@@ -246,15 +241,15 @@ def _is_last(limits, bounces):
 
 
 @device
-def _last_ray_finds_light(f):
+def last_ray_finds_light(f):
     """Whether there is emission that a path's last ray may count."""
     if not f.shared_light:
         return f.world == CONSTANT_WORLD
     return f.mesh_emitters or f.lamp_shapes or f.world != DARK_WORLD or f.sun_disks
 
 
-def make_tile_kernel(features: Features):
-    """The kernel that renders a tile of scenes with these features. Compiled, or read from disk, at its first call."""
+def make_path_kernel(features: Features):
+    """The kernel that renders a tile path by path, for any features."""
 
     @kernel
     def render_tile(
@@ -275,7 +270,6 @@ def make_tile_kernel(features: Features):
                 if adaptive and not active[row, column]:
                     continue
                 pixel_hash = hash_pixel(x, y, seed)
-                red, green, blue, cover = ZERO, ZERO, ZERO, ZERO
                 for index in range(first_sample, first_sample + sample_count):
                     radiance, alpha, traced = trace_path(
                         features, tables, limits, memory, counters, x, y, pixel_hash, index
@@ -284,18 +278,14 @@ def make_tile_kernel(features: Features):
                     if not is_finite(radiance[0] + radiance[1] + radiance[2]):
                         counters[REJECTED] += 1
                         continue
-                    red += radiance[0]
-                    green += radiance[1]
-                    blue += radiance[2]
-                    cover += alpha
+                    sums[row, column, 0] += radiance[0]
+                    sums[row, column, 1] += radiance[1]
+                    sums[row, column, 2] += radiance[2]
+                    sums[row, column, 3] += alpha
                     if adaptive and index % 2 == 0:
                         half[row, column, 0] += radiance[0]
                         half[row, column, 1] += radiance[1]
                         half[row, column, 2] += radiance[2]
-                sums[row, column, 0] += red
-                sums[row, column, 1] += green
-                sums[row, column, 2] += blue
-                sums[row, column, 3] += cover
                 samples[row, column] += sample_count
         return rays
 

@@ -12,6 +12,7 @@ import numpy as np
 from .embree import is_finite
 from .geom.vec import BLACK, ONE, ZERO, add, average, mul, scale
 from .jit import device
+from .simd import at, select
 
 WHITE = (ONE, ONE, ONE)
 # Rays pass at most this many transparent surfaces in a row.
@@ -20,6 +21,11 @@ MAX_TRANSPARENT = 256
 # Decisions of a path, as dimensions of the sampler: two for the camera, then these for each vertex.
 PIXEL, LENS, FIRST_VERTEX = np.int64(0), np.int64(1), np.int64(2)
 LIGHT_CHOICE, LIGHT_POINT, LOBE, DIRECTION, ROULETTE, PASS, KIND, VERTEX_DECISIONS = 0, 1, 2, 3, 4, 5, 6, 7
+
+
+# What a kernel counts besides rays: samples that were not finite; points that rejection sampling drew, and for how
+# many directions.
+REJECTED, DRAWS, DIRECTIONS, COUNTERS = 0, 1, 2, 3
 
 
 class Limits(NamedTuple):
@@ -137,10 +143,10 @@ class Bounces(NamedTuple):
 def gather(f, light, found):
     """`light` after the path has found this radiance. A clamped contribution keeps its hue."""
     contribution = mul(light.throughput, found)
-    if f.clamp and light.limit > ZERO:
+    if f.clamp:
         mean = average(contribution)
-        if mean > light.limit:
-            contribution = scale(contribution, light.limit / mean)
+        clamped = (light.limit > ZERO) & (mean > light.limit)
+        contribution = scale(contribution, select(clamped, light.limit / mean, ONE))
     return Light(add(light.radiance, contribution), light.throughput, light.limit)
 
 
@@ -148,7 +154,7 @@ def gather(f, light, found):
 def without_density(pdf):
     """The light of a direction that has no density: none. Where the density is no number neither is the light, so that
     the film counts the sample."""
-    return BLACK if is_finite(pdf) else (pdf, pdf, pdf)
+    return select(is_finite(pdf), BLACK, (pdf, pdf, pdf))
 
 
 @device
@@ -160,4 +166,4 @@ def dimmed(light, factor):
 @device
 def material_color(geometry, material, word):
     m = geometry.materials
-    return m[material, word], m[material, word + 1], m[material, word + 2]
+    return at(m, material, word), at(m, material, word + 1), at(m, material, word + 2)

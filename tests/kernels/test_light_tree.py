@@ -199,7 +199,7 @@ def test_lights_that_cannot_be_seen_are_never_chosen():
 def test_the_path_of_each_emitter_leads_to_it():
     tree = build(make_emitters(1000))
     for emitter, path in enumerate(tree.paths):
-        row, bits = 0, int(path)
+        row, bits = 0, int(path[0]) | int(path[1]) << 32
         while tree.integers[row, words.CHILD] >= 0:
             row = tree.integers[row, words.CHILD] + (bits & 1)
             bits >>= 1

@@ -16,7 +16,7 @@ from engine.accel import Accel
 from engine.features import Features
 from engine.kernels.embree import INST_PRIM_ID, PRIM_ID, intersect, new_ray
 from engine.kernels.geom.frame import to_world
-from engine.kernels.geom.surface import find_surface, offset_origin
+from engine.kernels.geom.surface import find_surface, hit_of, offset_origin
 from engine.kernels.geom.vec import FAR, ZERO, direction_and_length, negate, normalize, scale
 from engine.kernels.jit import kernel
 from engine.kernels.sampler.warp import cosine_hemisphere
@@ -48,7 +48,9 @@ def leave_kernel(instances: int, step: float):
                 counts[MISSED] += 1
                 continue
             prim, instance = words[PRIM_ID], words[INST_PRIM_ID]
-            p, _, ng, _, _ = find_surface(features, geometry, ray, words, scale(negate(wi), side))
+            p, _, ng, _, _ = find_surface(
+                features, geometry, hit_of(features, geometry, ray, words), scale(negate(wi), side)
+            )
             axis, _ = direction_and_length(scale(ng, HUGE))
             out = to_world(cosine_hemisphere(u[i, 0], u[i, 1]), axis)
             met = intersect(geometry.accel[0], ray, words, offset_origin(p, scale(ng, length)), out, ZERO, FAR, ALL)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..geom.vec import BLACK, ONE, TINY, TWO, ZERO, average, dot, reflect
 from ..jit import device
+from ..simd import any_of, no, select
 from .diffuse import diffuse_f, diffuse_pdf, sample_diffuse
 from .phong import phong_albedo, phong_lobe, sample_phong
 
@@ -32,14 +33,12 @@ def phong_probability(lobe_selection, kd, ks, exponent, cos_o):
     """
     diffuse = average(kd)
     phong = average(ks)
-    if phong <= ZERO:
-        return ZERO
-    if diffuse <= ZERO:
-        return ONE
     if lobe_selection == CLASSIC:
-        return phong / (diffuse + phong)
-    phong *= phong_albedo(exponent, cos_o)
-    return min(max(phong / (diffuse + phong), MIN_PROBABILITY), ONE - MIN_PROBABILITY)
+        chance = phong / (diffuse + phong)
+    else:
+        reflected = phong * phong_albedo(exponent, cos_o)
+        chance = min(max(reflected / (diffuse + reflected), MIN_PROBABILITY), ONE - MIN_PROBABILITY)
+    return select(phong <= ZERO, ZERO, select(diffuse <= ZERO, ONE, chance))
 
 
 @device
@@ -49,19 +48,19 @@ def evaluate(has_phong, hemisphere, surface, wo, wi, n, ng):
     Both are zero for a wi below the surface or on the other side of the geometric normal.
     """
     cos_i = dot(wi, n)
-    if cos_i <= ZERO or dot(wi, ng) <= ZERO:
-        return BLACK, ZERO
+    below = (cos_i <= ZERO) | (dot(wi, ng) <= ZERO)
     kd, ks, exponent, p_phong = surface
     f = diffuse_f(kd)
     pdf = diffuse_pdf(hemisphere, cos_i)
-    if has_phong and p_phong > ZERO:
-        lobe = phong_lobe(exponent, reflect(wo, n), wi)
-        strength = lobe * (exponent + TWO)
-        f = (f[0] + ks[0] * strength, f[1] + ks[1] * strength, f[2] + ks[2] * strength)
-        pdf += p_phong * (lobe * (exponent + ONE) - pdf)
-    if pdf < TINY:
-        return BLACK, ZERO
-    return f, pdf
+    if has_phong:
+        glossy = p_phong > ZERO
+        if any_of(glossy & no(below)):
+            lobe = select(glossy, phong_lobe(exponent, reflect(wo, n), wi), ZERO)
+            strength = lobe * (exponent + TWO)
+            f = (f[0] + ks[0] * strength, f[1] + ks[1] * strength, f[2] + ks[2] * strength)
+            pdf += p_phong * (lobe * (exponent + ONE) - pdf)
+    nothing = below | (pdf < TINY)
+    return select(nothing, BLACK, f), select(nothing, ZERO, pdf)
 
 
 @device
@@ -72,11 +71,12 @@ def sample(has_phong, hemisphere, surface, wo, n, ng, u_lobe, u1, u2, rng):
     rng             uint32, state of `sampler.random`, used by rejection sampling only
     draws           how many points rejection sampling drew
     """
-    if has_phong and u_lobe < surface[3]:
-        wi = sample_phong(surface[2], n, wo, u1, u2)
-        lobe, draws = PHONG_LOBE, np.int32(0)
-    else:
+    wi, lobe, draws = n, DIFFUSE_LOBE, np.int32(0)
+    glossy = (u_lobe < surface[3]) & (has_phong != 0)
+    if any_of(no(glossy)):
         wi, rng, draws = sample_diffuse(hemisphere, n, u1, u2, rng)
-        lobe = DIFFUSE_LOBE
+    if any_of(glossy):
+        wi = select(glossy, sample_phong(surface[2], n, wo, u1, u2), wi)
+        lobe = select(glossy, PHONG_LOBE, DIFFUSE_LOBE)
     f, pdf = evaluate(has_phong, hemisphere, surface, wo, wi, n, ng)
     return wi, f, pdf, lobe, rng, draws

@@ -11,11 +11,12 @@ import math
 
 import numpy as np
 
-from ..geom.elementary import log_one_minus, one_minus_exp, sin_cos_turn
+from ..geom.elementary import exp, log, log_one_minus, one_minus_exp, sin_cos_turn
 from ..geom.frame import to_world
-from ..geom.vec import ONE, TWO, ZERO, reflect
+from ..geom.vec import ONE, TWO, TWO_PI, ZERO, reflect
 from ..jit import device
-from ..sampler.warp import INV_TWO_PI, TWO_PI
+from ..sampler.warp import INV_TWO_PI
+from ..simd import select
 
 _HALF = np.float32(0.5)
 _THREE, _FOUR = np.float32(3), np.float32(4)
@@ -32,9 +33,8 @@ def phong_lobe(exponent, mirror, wi):
     """
     x, y, z = wi[0] - mirror[0], wi[1] - mirror[1], wi[2] - mirror[2]
     drop = _HALF * (x * x + y * y + z * z)
-    if drop >= ONE or exponent * drop > _NOTHING:
-        return ZERO
-    return INV_TWO_PI * math.exp(exponent * log_one_minus(drop))
+    nothing = (drop >= ONE) | (exponent * drop > _NOTHING)
+    return select(nothing, ZERO, INV_TWO_PI * exp(exponent * log_one_minus(drop)))
 
 
 @device
@@ -44,7 +44,7 @@ def sample_phong(exponent, n, wo, u1, u2):
     cos(alpha) = u1^(1 / (n + 1)), by way of 1 - cos(alpha): the sine of a cosine rounded to float32 would be off by
     18 % at n = 1e6.
     """
-    drop = one_minus_exp(math.log(u1) / (exponent + ONE))
+    drop = one_minus_exp(log(u1) / (exponent + ONE))
     radius = math.sqrt(drop * (TWO - drop))
     s, c = sin_cos_turn(u2)
     return to_world((radius * c, radius * s, ONE - drop), reflect(wo, n))
@@ -64,6 +64,6 @@ def phong_albedo(exponent, cos_o):
     s = max(ONE - cos_o * max(ONE, inverse * _EIGHTH), ZERO)
     # s^power, linear between whole powers.
     power = min(inverse * _HALF, _FOUR)
-    product = s * (s if power >= TWO else ONE) * (s if power >= _THREE else ONE)
-    rest = power - (_THREE if power >= _THREE else TWO if power >= TWO else ONE)
+    product = s * select(power >= TWO, s, ONE) * select(power >= _THREE, s, ONE)
+    rest = power - select(power >= _THREE, _THREE, select(power >= TWO, TWO, ONE))
     return cos_o + product * (ONE + rest * (s - ONE)) / inverse

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..geom.vec import ONE, TWO
 from ..jit import device
+from ..simd import at, float32, int32, select
 
 TABLE_INTERVALS = 512
 # Harris 1978, the four-term window: sum of a_k cos(2 pi k x / width) about its centre.
@@ -64,9 +65,10 @@ def build_filter_table(pixel_filter: str, width: float) -> np.ndarray:
 def _offset(table, u):
     beyond = TWO * min(u, ONE - u)
     place = math.sqrt(beyond) * _INTERVALS
-    index = min(np.int32(place), _LAST)
-    distance = table[index] + (table[index + 1] - table[index]) * (place - np.float32(index))
-    return -distance if u < _HALF else distance
+    index = min(int32(place), _LAST)
+    inner, outer = at(table, index), at(table, index + np.int32(1))
+    distance = inner + (outer - inner) * (place - float32(index))
+    return select(u < _HALF, -distance, distance)
 
 
 @device

@@ -11,12 +11,14 @@ micrometres, that rays start behind the next wall.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ..embree import GEOM_ID, INST_ID, INST_PRIM_ID, INVALID, PRIM_ID, U, V
 from ..jit import device
 from ..light.emitters import triangle_vertices
+from ..simd import any_of, at, select, to_index
 from ..tables import INSTANCED_MESH
 from .vec import ONE, SMALL, TINY, ZERO, add, cross, direction_and_length, dot, negate, scale, sub
 
@@ -31,42 +33,75 @@ _TILT = np.float32(4 * 2**-24)
 _LONGEST_FOR_NEIGHBOURS, _LONGEST_FOR_OWN = np.float32(1 / 128), np.float32(1)
 
 
+class Hit(NamedTuple):
+    """Where a ray met a surface.
+
+    triangle  its row
+    instance  row of the instance tables, -1 on a baked mesh
+    u, v      barycentric
+    """
+
+    triangle: np.int64
+    instance: np.int64
+    u: np.float32
+    v: np.float32
+
+
 @device
-def find_surface(f, geometry, ray, words, wo):
-    """The hit in `ray` as (p, n, ng, material, triangle), n and ng on wo's side as the mesh has them to each other.
+def hit_of(f, geometry, ray, words):
+    """The `Hit` that Embree has left in `ray` and `words`."""
+    outer = words[INST_ID] if f.instances and words[INST_ID] != INVALID else words[GEOM_ID]
+    triangle, instance = np.int64(geometry.base[outer]) + np.int64(words[PRIM_ID]), np.int64(-1)
+    if f.instances and geometry.kind[outer] == INSTANCED_MESH:
+        instance = np.int64(geometry.instance_base[outer]) + np.int64(words[INST_PRIM_ID])
+    return Hit(triangle, instance, ray[U], ray[V])
+
+
+@device
+def find_surface(f, geometry, hit, wo):
+    """A `Hit` as (p, n, ng, material, triangle), n and ng on wo's side as the mesh has them to each other.
 
     n is a unit vector; ng is as long as the step that takes rays off the surface, see `offset_origin`.
     """
-    outer = words[INST_ID] if f.instances and words[INST_ID] != INVALID else words[GEOM_ID]
-    u, v = ray[U], ray[V]
-    triangle = np.int64(geometry.base[outer]) + np.int64(words[PRIM_ID])
+    triangle, u, v = hit.triangle, hit.u, hit.v
     a, b, c = triangle_vertices(geometry, triangle)
     p, ng = _interpolate(a, b, c, u, v), cross(sub(b, a), sub(c, a))
-    n = ng
-    if f.smooth and geometry.normal_triangles[triangle, 0] != INVALID:
-        corners = geometry.normal_triangles
-        na, nb, nc = (
-            _normal(geometry, corners[triangle, 0]),
-            _normal(geometry, corners[triangle, 1]),
-            _normal(geometry, corners[triangle, 2]),
-        )
-        n = _interpolate(na, nb, nc, u, v)
-    material, extent, tilts = geometry.triangle_slot[triangle], _extent(a, b, c), _tilts(a, b, c)
-    if f.instances and geometry.kind[outer] == INSTANCED_MESH:
-        row = np.int64(geometry.instance_base[outer]) + np.int64(words[INST_PRIM_ID])
-        p = _to_world_point(geometry.transforms, row, p)
-        ng = _to_world_normal(geometry.transforms, row, ng)
-        n = _to_world_normal(geometry.transforms, row, n)
-        extent, tilts = _to_world_extent(geometry.transforms, row, extent, tilts)
-        slot = min(max(material, np.int32(0)), geometry.slot_count[row] - np.int32(1))
-        material = geometry.slots[geometry.slot_offset[row] + slot]
+    n = _shading_normal(geometry, triangle, u, v, ng) if f.smooth else ng
+    material, extent, tilts = at(geometry.triangle_slot, triangle), _extent(a, b, c), _tilts(a, b, c)
+    if f.instances:
+        placed = hit.instance >= np.int32(0)
+        if any_of(placed):
+            row, m = to_index(select(placed, hit.instance, np.int32(0))), geometry.transforms
+            p = select(placed, _to_world_point(m, row, p), p)
+            ng = select(placed, _to_world_normal(m, row, ng), ng)
+            n = select(placed, _to_world_normal(m, row, n), n)
+            extent, tilts = select(placed, _to_world_extent(m, row, extent, tilts), (extent, tilts))
+            slot = min(max(material, np.int32(0)), at(geometry.slot_count, row) - np.int32(1))
+            slot = select(placed, at(geometry.slot_offset, row) + slot, np.int32(0))
+            material = select(placed, at(geometry.slots, slot), material)
     ng, area = _unit_and_length(ng)
-    if dot(ng, wo) < ZERO:
-        ng, n = negate(ng), negate(n)
-    n = _unit_and_length(n)[0] if f.smooth else ng
-    if f.smooth and dot(n, n) == ZERO:  # a mesh may have normals of length zero, which say nothing
+    behind = dot(ng, wo) < ZERO
+    ng, n = select(behind, negate(ng), ng), select(behind, negate(n), n)
+    if f.smooth:
+        n = _unit_and_length(n)[0]
+        n = select(dot(n, n) == ZERO, ng, n)  # a mesh may have normals of length zero, which say nothing
+    else:
         n = ng
     return p, n, scale(ng, _step(p, ng, extent, tilts, area)), material, triangle
+
+
+@device
+def _shading_normal(geometry, triangle, u, v, ng):
+    """The interpolated normal, of any length, of a triangle that has one, else ng."""
+    corners = geometry.normal_triangles
+    i, j, k = at(corners, triangle, 0), at(corners, triangle, 1), at(corners, triangle, 2)
+    has_normals = i != INVALID
+    if not any_of(has_normals):
+        return ng
+    na = _normal(geometry, to_index(select(has_normals, i, np.uint32(0))))
+    nb = _normal(geometry, to_index(select(has_normals, j, np.uint32(0))))
+    nc = _normal(geometry, to_index(select(has_normals, k, np.uint32(0))))
+    return select(has_normals, _interpolate(na, nb, nc, u, v), ng)
 
 
 @device
@@ -111,10 +146,15 @@ def _to_world_extent(m, row, e, tilts):
     turns rays into the instance's space, which mixes the errors of all axes, so that every axis gets the sum."""
     total = ZERO
     for i in range(3):
-        total += abs(m[row, i, 0]) * e[0] + abs(m[row, i, 1]) * e[1] + abs(m[row, i, 2]) * e[2] + abs(m[row, i, 3])
-    x = (m[row, 0, 0], m[row, 1, 0], m[row, 2, 0])
-    y = (m[row, 0, 1], m[row, 1, 1], m[row, 2, 1])
-    z = (m[row, 0, 2], m[row, 1, 2], m[row, 2, 2])
+        total += (
+            abs(at(m, row, i, 0)) * e[0]
+            + abs(at(m, row, i, 1)) * e[1]
+            + abs(at(m, row, i, 2)) * e[2]
+            + abs(at(m, row, i, 3))
+        )
+    x = (at(m, row, 0, 0), at(m, row, 1, 0), at(m, row, 2, 0))
+    y = (at(m, row, 0, 1), at(m, row, 1, 1), at(m, row, 2, 1))
+    z = (at(m, row, 0, 2), at(m, row, 1, 2), at(m, row, 2, 2))
     larger = abs(dot(cross(x, y), z))
     return (total, total, total), (tilts[0] * larger, tilts[1] * larger)
 
@@ -132,8 +172,7 @@ def _step(p, ng, extent, tilts, area):
     largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
     side, inverse = math.sqrt(area), _TILT / (area + SMALL)
     tilt, around = min(tilts[1] * inverse, _LONGEST_FOR_OWN * side), tilts[0] * inverse
-    if around < _LONGEST_FOR_NEIGHBOURS * side:
-        tilt = max(tilt, around)
+    tilt = select(around < _LONGEST_FOR_NEIGHBOURS * side, max(tilt, around), tilt)
     return _STEP * across + _SMALLEST_STEP * largest + tilt + _AT_THE_ORIGIN
 
 
@@ -141,7 +180,7 @@ def _step(p, ng, extent, tilts, area):
 def _unit_and_length(a):
     """As `direction_and_length`, also for vectors whose square leaves float32: products of edges of any length."""
     largest = max(abs(a[0]), max(abs(a[1]), abs(a[2])))
-    unit, length = direction_and_length(scale(a, ONE / largest if largest > TINY else ZERO))
+    unit, length = direction_and_length(scale(a, select(largest > TINY, ONE / largest, ZERO)))
     return unit, length * largest
 
 
@@ -157,24 +196,24 @@ def _interpolate(a, b, c, u, v):
 
 @device
 def _normal(geometry, i):
-    return geometry.normals[i, 0], geometry.normals[i, 1], geometry.normals[i, 2]
+    return at(geometry.normals, i, 0), at(geometry.normals, i, 1), at(geometry.normals, i, 2)
 
 
 @device
 def _to_world_point(m, row, p):
     return (
-        m[row, 0, 0] * p[0] + m[row, 0, 1] * p[1] + m[row, 0, 2] * p[2] + m[row, 0, 3],
-        m[row, 1, 0] * p[0] + m[row, 1, 1] * p[1] + m[row, 1, 2] * p[2] + m[row, 1, 3],
-        m[row, 2, 0] * p[0] + m[row, 2, 1] * p[1] + m[row, 2, 2] * p[2] + m[row, 2, 3],
+        at(m, row, 0, 0) * p[0] + at(m, row, 0, 1) * p[1] + at(m, row, 0, 2) * p[2] + at(m, row, 0, 3),
+        at(m, row, 1, 0) * p[0] + at(m, row, 1, 1) * p[1] + at(m, row, 1, 2) * p[2] + at(m, row, 1, 3),
+        at(m, row, 2, 0) * p[0] + at(m, row, 2, 1) * p[1] + at(m, row, 2, 2) * p[2] + at(m, row, 2, 3),
     )
 
 
 @device
 def _to_world_normal(m, row, n):
     """By the matrix of cofactors, which is the inverse transpose up to a factor, mirrored instances included."""
-    x = (m[row, 0, 0], m[row, 1, 0], m[row, 2, 0])
-    y = (m[row, 0, 1], m[row, 1, 1], m[row, 2, 1])
-    z = (m[row, 0, 2], m[row, 1, 2], m[row, 2, 2])
+    x = (at(m, row, 0, 0), at(m, row, 1, 0), at(m, row, 2, 0))
+    y = (at(m, row, 0, 1), at(m, row, 1, 1), at(m, row, 2, 1))
+    z = (at(m, row, 0, 2), at(m, row, 1, 2), at(m, row, 2, 2))
     yz, zx, xy = cross(y, z), cross(z, x), cross(x, y)
     return (
         yz[0] * n[0] + zx[0] * n[1] + xy[0] * n[2],

@@ -1,5 +1,7 @@
 """The numbers that all kernels share, and arithmetic on 3-tuples of float32, which is what vectors and colours are.
 
+A component is one number, or sixteen of as many paths (`simd`).
+
 Results stay float32 as long as the arguments are: no literal here is a Python float.
 """
 
@@ -10,6 +12,7 @@ import math
 import numpy as np
 
 from ..jit import device
+from ..simd import select
 
 ZERO = np.float32(0)
 ONE = np.float32(1)
@@ -83,7 +86,7 @@ def length(a):
 def normalize(a):
     """Unit vector along a; zero (not NaN) for a vector whose squared length is below the smallest normal float."""
     squared = dot(a, a)
-    return scale(a, ONE / math.sqrt(squared) if squared > TINY else ZERO)
+    return scale(a, select(squared > TINY, ONE / math.sqrt(squared), ZERO))
 
 
 @device
@@ -91,7 +94,7 @@ def direction_and_length(a):
     """(unit vector along a, length of a), with one square root; both zero for a vector too short to have one."""
     squared = dot(a, a)
     distance = math.sqrt(squared)
-    return scale(a, ONE / distance if squared > TINY else ZERO), distance
+    return scale(a, select(squared > TINY, ONE / distance, ZERO)), distance
 
 
 @device
@@ -114,4 +117,4 @@ def max_component(color):
 
 @device
 def is_black(color):
-    return color[0] == ZERO and color[1] == ZERO and color[2] == ZERO
+    return (color[0] == ZERO) & (color[1] == ZERO) & (color[2] == ZERO)

@@ -25,6 +25,7 @@ from ...features import (
 )
 from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, ZERO, cross, mul, sub
 from ..jit import device
+from ..simd import any_of, at, int32, no, select, to_index, uint32
 from ..tables import EMISSION, LAMP_MASK, SHADOW_RAY, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED, WORLD_COLOR, WORLD_MASK
 from .area import before_shape, ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
 from .environment import environment_lookup, sample_environment
@@ -36,6 +37,7 @@ from .tree import sample_tree, tree_probability
 
 UP = (ZERO, ZERO, ONE)
 SEES_ALL = np.uint32(7)
+NOTHING = (UP, ZERO, BLACK, ZERO, False, True, SEES_ALL)  # the fields of a LightSample that has drawn nothing
 
 
 class LightSample(NamedTuple):
@@ -59,96 +61,132 @@ class LightSample(NamedTuple):
 
 
 @device
-def no_sample():
-    return LightSample(UP, ZERO, BLACK, ZERO, False, True, SEES_ALL)
-
-
-@device
 def sample_light(f, geometry, lights, environment, tree, p, n, own, u, u1, u2):
     """Draw a `LightSample` for the point p with normal n from three random numbers.
 
     own: the emitter that p lies on, or -1. It is flat and gives itself nothing; what rounding makes of its height
     above itself must not be taken for light.
     """
-    shares = group_shares(f, lights, tree, p, n)
+    shares, drawn = group_shares(f, lights, tree, p, n), NOTHING
     if f.emitter_choice != NO_EMITTER:
-        if u < shares.local:
-            u = min(u / shares.local, LAST_BELOW_ONE)
-            return _sample_local(f, geometry, lights, tree, p, n, own, u, shares.local, u1, u2)
-        u -= shares.local
+        local = u < shares.local
+        if any_of(local):
+            rest = min(u / shares.local, LAST_BELOW_ONE)
+            drawn = select(
+                local, _sample_local(f, geometry, lights, tree, p, n, own, rest, shares.local, u1, u2), drawn
+            )
+        u = select(local, ONE, u - shares.local)
     if f.suns:
-        if u < shares.suns:
-            return _sample_suns(f, lights, n, min(u / shares.suns, LAST_BELOW_ONE), shares.suns, u1, u2)
-        u -= shares.suns
-    if f.world == IMAGE_WORLD and u < shares.world:
-        local, radiance, pdf = sample_environment(environment, u1, u2)
-        wi = _from_environment(lights, local)
-        mask = np.uint32(lights.world[WORLD_MASK])
-        return LightSample(wi, FAR, mul(radiance, _world_color(lights)), pdf * shares.world, False, True, mask)
-    return no_sample()
+        suns = u < shares.suns
+        if any_of(suns):
+            rest = min(u / shares.suns, LAST_BELOW_ONE)
+            drawn = select(suns, _sample_suns(f, lights, n, rest, shares.suns, u1, u2), drawn)
+        u = select(suns, ONE, u - shares.suns)
+    if f.world == IMAGE_WORLD:
+        world = u < shares.world
+        if any_of(world):
+            drawn = select(world, _sample_world(lights, environment, shares.world, u1, u2), drawn)
+    wi, t, radiance, pdf, alone, shadowed, mask = drawn
+    return LightSample(wi, t, radiance, pdf, alone, shadowed, mask)
 
 
 @device
 def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
+    """The fields of a `LightSample`."""
     emitter, chosen = np.int32(0), ONE
     if f.emitter_choice == EMITTER_TREE:
         emitter, chosen, u = sample_tree(tree, p, n, u)
-        if chosen <= ZERO:
-            return no_sample()
-    if emitter == own:
-        return no_sample()
-    lamp_count = len(lights.lamp_kind)
-    if f.mesh_emitters and (not f.lamp_kinds or emitter >= lamp_count):
-        triangle = np.int64(lights.emitter_triangle[emitter - lamp_count])
-        if f.rectangle_emitters and is_rectangle(lights, emitter - lamp_count):
-            corner, x, y = rectangle(lights, emitter - lamp_count)
-            wi, t, pdf = sample_rectangle(p, corner, x, y, u1, u2)
-        else:
-            a, b, c = triangle_vertices(geometry, triangle)
-            wi, t, pdf = sample_triangle(p, a, b, c, u1, u2)
-        radiance = emission(geometry, geometry.triangle_slot[triangle])
-        mask = np.uint32(lights.emitter_mask[emitter - lamp_count])
-        alone = not f.shared_light and not (mask & SHADOW_RAY)  # see kernels/mis.py
-        return LightSample(wi, t, radiance, pdf * chosen * share, alone, True, mask)
+    lamp_count = np.int32(len(lights.lamp_kind))
+    drawn = NOTHING
+    if f.mesh_emitters:
+        surface = emitter >= lamp_count if f.lamp_kinds else emitter >= np.int32(0)
+        if any_of(surface):
+            i = to_index(select(surface, int32(emitter - lamp_count), np.int32(0)))
+            drawn = _sample_surface(f, geometry, lights, i, p, u1, u2)
     if f.lamp_kinds:
-        wi, t, radiance, pdf, delta = _sample_lamp(f, lights, emitter, p, n, u1, u2)
-        mask = np.uint32(lights.lamps[emitter, LAMP_MASK])
-        shadowed = not (f.unshadowed and lights.lamps[emitter, UNSHADOWED] > ZERO)
-        alone = delta or not found_by_rays(f, lights, emitter, p)
-        return LightSample(wi, t, radiance, pdf * chosen * share, alone, shadowed, mask)
-    return no_sample()
+        lamp = emitter < lamp_count
+        if any_of(lamp):
+            i = to_index(select(lamp, emitter, np.int32(0)))
+            drawn = select(lamp, _sample_lamp(f, lights, i, p, n, u1, u2), drawn)
+    wi, t, radiance, pdf, alone, shadowed, mask = drawn
+    nothing = (chosen <= ZERO) | (emitter == own)
+    return wi, t, radiance, select(nothing, ZERO, pdf * chosen * share), alone, shadowed, mask
+
+
+@device
+def _sample_surface(f, geometry, lights, i, p, u1, u2):
+    """Of emissive triangle i: the fields of a `LightSample`, without the choice."""
+    wi, t, pdf = _sample_emitter_shape(f, geometry, lights, i, p, u1, u2)
+    radiance = emission(geometry, at(geometry.triangle_slot, at(lights.emitter_triangle, i)))
+    mask = uint32(at(lights.emitter_mask, i))
+    alone = no(mask & SHADOW_RAY != np.uint32(0)) & (not f.shared_light)  # see kernels/mis.py
+    return wi, t, radiance, pdf, alone, True, mask
+
+
+@device
+def _sample_emitter_shape(f, geometry, lights, i, p, u1, u2):
+    """(wi, t, pdf)"""
+    whole = is_rectangle(f, lights, i)
+    if not any_of(no(whole)):
+        corner, x, y = rectangle(lights, i)
+        return sample_rectangle(p, corner, x, y, u1, u2)
+    a, b, c = triangle_vertices(geometry, at(lights.emitter_triangle, i))
+    drawn = sample_triangle(p, a, b, c, u1, u2)
+    if any_of(whole):
+        corner, x, y = rectangle(lights, i)
+        drawn = select(whole, sample_rectangle(p, corner, x, y, u1, u2), drawn)
+    return drawn
 
 
 @device
 def _sample_lamp(f, lights, i, p, n, u1, u2):
-    """(wi, t, radiance, pdf, delta)"""
-    kind, lamps = lights.lamp_kind[i], lights.lamps
-    spot = (f.lamp_kinds & SPOT) and (kind & SPOT)
-    if f.lamp_kinds & RECTANGLE and kind & RECTANGLE:
-        wi, t, radiance, pdf = sample_rectangle_lamp(lamps, i, p, u1, u2)
-        return wi, t, radiance, pdf, False
-    if f.lamp_kinds & ELLIPSE and kind & ELLIPSE:
-        wi, t, radiance, pdf = sample_ellipse_lamp(lamps, i, p, u1, u2)
-        return wi, t, radiance, pdf, False
-    if f.lamp_kinds & SPHERE and kind & SPHERE:
-        wi, t, radiance, pdf = sample_sphere_lamp(spot, lamps, i, p, n, u1, u2)
-        return wi, t, radiance, pdf, False
-    if f.lamp_kinds & DISK and kind & DISK:
-        wi, t, radiance, pdf = sample_disk_lamp(spot, lamps, i, p, u1, u2)
-        return wi, t, radiance, pdf, False
-    if f.lamp_kinds & POINT and kind & POINT:
-        wi, t, radiance, pdf = sample_point(spot, lamps, i, p)
-        return wi, t, radiance, pdf, True
-    return UP, ZERO, BLACK, ZERO, False
+    """The fields of a `LightSample`, without the choice."""
+    kind, lamps = at(lights.lamp_kind, i), lights.lamps
+    spot = _is(f, kind, SPOT)
+    drawn = (UP, ZERO, BLACK, ZERO)
+    is_kind = _is(f, kind, RECTANGLE)
+    if any_of(is_kind):
+        drawn = select(is_kind, sample_rectangle_lamp(lamps, i, p, u1, u2), drawn)
+    is_kind = _is(f, kind, ELLIPSE)
+    if any_of(is_kind):
+        drawn = select(is_kind, sample_ellipse_lamp(lamps, i, p, u1, u2), drawn)
+    is_kind = _is(f, kind, SPHERE)
+    if any_of(is_kind):
+        drawn = select(is_kind, sample_sphere_lamp(spot, lamps, i, p, n, u1, u2), drawn)
+    is_kind = _is(f, kind, DISK)
+    if any_of(is_kind):
+        drawn = select(is_kind, sample_disk_lamp(spot, lamps, i, p, u1, u2), drawn)
+    delta = _is(f, kind, POINT)
+    if any_of(delta):
+        drawn = select(delta, sample_point(spot, lamps, i, p), drawn)
+    wi, t, radiance, pdf = drawn
+    shadowed = (at(lamps, i, UNSHADOWED) <= ZERO) | (not f.unshadowed)
+    alone = delta | no(found_by_rays(f, lights, i, p))
+    return wi, t, radiance, pdf, alone, shadowed, uint32(int32(at(lamps, i, LAMP_MASK)))
+
+
+@device
+def _is(f, kind, bit):
+    """Whether a lamp is of that kind, in a scene that has such lamps."""
+    return (kind & np.int32(bit) != np.int32(0)) & (f.lamp_kinds & bit != 0)
 
 
 @device
 def _sample_suns(f, lights, n, u, share, u1, u2):
+    """The fields of a `LightSample`."""
     i, chosen = choose_sun(lights.suns, n, u)
     wi, radiance, pdf, delta = sample_sun(lights.suns, i, u1, u2)
-    shadowed = not (f.unshadowed and lights.suns[i, SUN_UNSHADOWED] > ZERO)
-    mask = np.uint32(lights.suns[i, SUN_MASK])
-    return LightSample(wi, FAR, radiance, pdf * chosen * share, delta or not shadowed, shadowed, mask)
+    shadowed = (at(lights.suns, i, SUN_UNSHADOWED) <= ZERO) | (not f.unshadowed)
+    mask = uint32(int32(at(lights.suns, i, SUN_MASK)))
+    return wi, FAR, radiance, pdf * chosen * share, delta | no(shadowed), shadowed, mask
+
+
+@device
+def _sample_world(lights, environment, share, u1, u2):
+    """The fields of a `LightSample`."""
+    local, radiance, pdf = sample_environment(environment, u1, u2)
+    wi, mask = _from_environment(lights, local), np.uint32(lights.world[WORLD_MASK])
+    return wi, FAR, mul(radiance, _world_color(lights)), pdf * share, False, True, mask
 
 
 @device
@@ -165,40 +203,51 @@ def found_by_rays(f, lights, i, p):
     alone finds it: a lamp that casts no shadow, as rays would be blocked; an area lamp whose shape for rays p is too
     close to; and a disk, which is met by way of the sphere around it, where p is inside that sphere or something
     transparent may lie there."""
-    if f.unshadowed and lights.lamps[i, UNSHADOWED] > ZERO:
-        return False
-    if f.lamp_kinds & (RECTANGLE | ELLIPSE) and lights.lamp_kind[i] & (RECTANGLE | ELLIPSE):
-        return before_shape(lights.lamps, i, p)
-    if f.lamp_kinds & DISK and lights.lamp_kind[i] & DISK:
-        return not (f.transparency or inside_lamp(lights.lamps, i, p))
-    return True
+    kind, lamps = at(lights.lamp_kind, i), lights.lamps
+    found = (at(lamps, i, UNSHADOWED) <= ZERO) | (not f.unshadowed)
+    if f.lamp_kinds & (RECTANGLE | ELLIPSE):
+        flat = _is(f, kind, RECTANGLE) | _is(f, kind, ELLIPSE)
+        found = found & (no(flat) | before_shape(lamps, i, p))
+    if f.lamp_kinds & DISK:
+        found = found & no(_is(f, kind, DISK) & (inside_lamp(lamps, i, p) | (f.transparency != 0)))
+    return found
 
 
 @device
 def lamp_seen(f, lights, i, p, n, wi, t):
     """(radiance, pdf without the choice) for a ray from p that meets the shape of lamp i at t."""
-    kind, lamps = lights.lamp_kind[i], lights.lamps
-    spot = (f.lamp_kinds & SPOT) and (kind & SPOT)
-    if f.lamp_kinds & RECTANGLE and kind & RECTANGLE:
-        return rectangle_lamp_seen(lamps, i, p, wi, t)
-    if f.lamp_kinds & ELLIPSE and kind & ELLIPSE:
-        return ellipse_lamp_seen(lamps, i, p, wi, t)
-    if f.lamp_kinds & SPHERE and kind & SPHERE:
-        return sphere_lamp_seen(spot, lamps, i, p, n, wi)
-    if f.lamp_kinds & DISK and kind & DISK:
-        return disk_lamp_seen(spot, lamps, i, p, wi)
-    return BLACK, ZERO
+    kind, lamps = at(lights.lamp_kind, i), lights.lamps
+    spot = _is(f, kind, SPOT)
+    seen = (BLACK, ZERO)
+    is_kind = _is(f, kind, RECTANGLE)
+    if any_of(is_kind):
+        seen = select(is_kind, rectangle_lamp_seen(lamps, i, p, wi, t), seen)
+    is_kind = _is(f, kind, ELLIPSE)
+    if any_of(is_kind):
+        seen = select(is_kind, ellipse_lamp_seen(lamps, i, p, wi, t), seen)
+    is_kind = _is(f, kind, SPHERE)
+    if any_of(is_kind):
+        seen = select(is_kind, sphere_lamp_seen(spot, lamps, i, p, n, wi), seen)
+    is_kind = _is(f, kind, DISK)
+    if any_of(is_kind):
+        seen = select(is_kind, disk_lamp_seen(spot, lamps, i, p, wi), seen)
+    return seen
 
 
 @device
 def surface_seen_pdf(f, geometry, lights, emitter, p, wi, t):
     """Density, without the choice, of sampling the emissive surface along wi from p, which meets it at t."""
-    if f.rectangle_emitters and is_rectangle(lights, emitter - len(lights.lamp_kind)):
-        corner, x, y = rectangle(lights, emitter - len(lights.lamp_kind))
+    i = to_index(int32(emitter - np.int32(len(lights.lamp_kind))))
+    whole = is_rectangle(f, lights, i)
+    if not any_of(no(whole)):
+        corner, x, y = rectangle(lights, i)
         return rectangle_pdf(p, corner, x, y, wi, t)
-    triangle = np.int64(lights.emitter_triangle[emitter - len(lights.lamp_kind)])
-    a, b, c = triangle_vertices(geometry, triangle)
-    return triangle_pdf(p, a, b, c, cross(sub(b, a), sub(c, a)), wi, t)
+    a, b, c = triangle_vertices(geometry, at(lights.emitter_triangle, i))
+    pdf = triangle_pdf(p, a, b, c, cross(sub(b, a), sub(c, a)), wi, t)
+    if any_of(whole):
+        corner, x, y = rectangle(lights, i)
+        pdf = select(whole, rectangle_pdf(p, corner, x, y, wi, t), pdf)
+    return pdf
 
 
 @device
@@ -208,7 +257,7 @@ def sun_seen_pdf(f, lights, shares, i, n, wi, mask):
     if not (np.uint32(lights.suns[i, SUN_MASK]) & mask):
         return BLACK, ZERO
     radiance, pdf = sun_seen(lights.suns, i, wi)
-    if pdf > ZERO:
+    if any_of(pdf > ZERO):
         pdf *= shares.suns * sun_probability(lights.suns, i, n)
     return radiance, FAR if f.unshadowed and lights.suns[i, SUN_UNSHADOWED] > ZERO else pdf
 
@@ -251,34 +300,38 @@ def _from_environment(lights, w):
 
 
 @device
-def is_rectangle(lights, i):
+def is_rectangle(f, lights, i):
+    """Whether emissive triangle i is a half of a rectangle that emits as one."""
+    if not f.rectangle_emitters:
+        return i < np.uint32(0)  # no
     r = lights.emitter_rectangle
-    return r[i, 3] != ZERO or r[i, 4] != ZERO or r[i, 5] != ZERO
+    return (at(r, i, 3) != ZERO) | (at(r, i, 4) != ZERO) | (at(r, i, 5) != ZERO)
 
 
 @device
 def rectangle(lights, i):
     """(corner, edge x, edge y)"""
     r = lights.emitter_rectangle
-    return (r[i, 0], r[i, 1], r[i, 2]), (r[i, 3], r[i, 4], r[i, 5]), (r[i, 6], r[i, 7], r[i, 8])
+    corner = at(r, i, 0), at(r, i, 1), at(r, i, 2)
+    return corner, (at(r, i, 3), at(r, i, 4), at(r, i, 5)), (at(r, i, 6), at(r, i, 7), at(r, i, 8))
 
 
 @device
 def vertex(geometry, i):
-    return geometry.vertices[i, 0], geometry.vertices[i, 1], geometry.vertices[i, 2]
+    return at(geometry.vertices, i, 0), at(geometry.vertices, i, 1), at(geometry.vertices, i, 2)
 
 
 @device
 def triangle_vertices(geometry, triangle):
     corners = geometry.triangles
     return (
-        vertex(geometry, corners[triangle, 0]),
-        vertex(geometry, corners[triangle, 1]),
-        vertex(geometry, corners[triangle, 2]),
+        vertex(geometry, at(corners, triangle, 0)),
+        vertex(geometry, at(corners, triangle, 1)),
+        vertex(geometry, at(corners, triangle, 2)),
     )
 
 
 @device
 def emission(geometry, material):
     m = geometry.materials
-    return m[material, EMISSION], m[material, EMISSION + 1], m[material, EMISSION + 2]
+    return at(m, material, EMISSION), at(m, material, EMISSION + 1), at(m, material, EMISSION + 2)

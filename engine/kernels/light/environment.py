@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..geom.elementary import sin_cos_turn
 from ..geom.vec import (
     BLACK,
     BLUE,
@@ -30,15 +31,14 @@ from ..geom.vec import (
     LAST_BELOW_ONE,
     LUMINANCE,
     ONE,
-    PI,
     RED,
     SMALL,
     TINY,
     TWO,
-    TWO_PI,
     ZERO,
 )
 from ..jit import device
+from ..simd import any_of, at, float32, floor, int32, select
 from .spherical import atan2_upper
 
 DARKEST = 1e-36  # mean radiance
@@ -49,8 +49,8 @@ class EnvironmentTable(NamedTuple):
 
     image          (H, W, 3) float32, W/(m2 sr), row 0 looks straight down
     sines          (H + 2,) float32, sin(theta) of the texel rows, with 0 for both poles around them
-    row_cdf        (H + 2,) float32, cumulative shares of the rows of cells
-    row_guide      (G + 1,) int32, the row that holds the share k / G
+    row_cdf        (1, H + 2) float32, cumulative shares of the rows of cells
+    row_guide      (1, G + 1) int32, the row that holds the share k / G
     column_cdf     (H + 1, W + 1) float32, cumulative shares within each row
     column_guide   (H + 1, K + 1) int32, the column that holds the share k / K
     scale          (1,) float32: density = scale x interpolated (luminance x sin) / sin(theta); 0: all black
@@ -92,8 +92,8 @@ def build_environment(image: np.ndarray) -> EnvironmentTable:
     return EnvironmentTable(
         image=image,
         sines=sines.astype(np.float32),
-        row_cdf=row_cdf[0],
-        row_guide=_guide(row_cdf)[0],
+        row_cdf=row_cdf,
+        row_guide=_guide(row_cdf),
         column_cdf=column_cdf,
         column_guide=_guide(column_cdf),
         scale=np.array([scale], np.float32),
@@ -132,7 +132,7 @@ def environment_irradiance(table: EnvironmentTable) -> np.ndarray:
     theta, phi = np.pi * v, 2 * np.pi * (np.arange(width) + 1) / width
     circle = np.column_stack([-np.cos(phi), np.sin(phi)]).astype(np.float32)
     across = table.column_cdf[:, 1:] @ circle - table.column_cdf[:, :-1] @ circle  # (H + 1, 2), mean of each row
-    share = np.diff(table.row_cdf.astype(np.float64))
+    share = np.diff(table.row_cdf[0].astype(np.float64))
     mean = np.array([*((share * np.sin(theta)) @ across), share @ -np.cos(theta)])
     power = 1 / float(table.scale[0])
     return power * np.array([0.25, *(0.5 * mean)])
@@ -147,17 +147,16 @@ def _locate(table, d):
     height, width = table.image.shape[0], table.image.shape[1]
     sine = math.sqrt(d[0] * d[0] + d[1] * d[1])
     y = atan2_upper(sine, -d[2]) * INV_PI * np.float32(height)
-    row = min(int(y + HALF), height)
-    low = max(np.float32(row) - HALF, ZERO)
-    v = (y - low) * (TWO if row == 0 or row == height else ONE)
+    row = min(int32(y + HALF), np.int32(height))
+    low = max(float32(row) - HALF, ZERO)
+    v = (y - low) * select((row == np.int32(0)) | (row == np.int32(height)), TWO, ONE)
     around = atan2_upper(abs(d[1]), d[0]) * INV_TWO_PI
-    u = HALF - (around if d[1] >= ZERO else -around)
+    u = HALF - select(d[1] >= ZERO, around, -around)
     x = u * np.float32(width) - HALF
-    floor = math.floor(x)
-    column = int(floor)
-    if column < 0:
-        column += width
-    return min(row, height), min(column, width - 1), x - np.float32(floor), min(max(v, ZERO), ONE), sine
+    left = floor(x)
+    column = int32(left)
+    column = min(select(column < np.int32(0), int32(column + np.int32(width)), column), np.int32(width - 1))
+    return row, column, x - left, min(max(v, ZERO), ONE), sine
 
 
 @device
@@ -167,15 +166,16 @@ def _luminance(c):
 
 @device
 def _texel(table, row, column):
-    return table.image[row, column, 0], table.image[row, column, 1], table.image[row, column, 2]
+    return at(table.image, row, column, 0), at(table.image, row, column, 1), at(table.image, row, column, 2)
 
 
 @device
 def _corners(table, row, column):
     """The texels about a cell: lower left, lower right, upper left, upper right."""
     height, width = table.image.shape[0], table.image.shape[1]
-    low, high = max(row - 1, 0), min(row, height - 1)
-    right = column + 1 if column + 1 < width else 0
+    low, high = max(int32(row - np.int32(1)), np.int32(0)), min(row, np.int32(height - 1))
+    right = int32(column + np.int32(1))
+    right = select(right < np.int32(width), right, np.int32(0))
     return (
         _texel(table, low, column),
         _texel(table, low, right),
@@ -204,8 +204,8 @@ def environment_lookup(table, d):
     """(radiance, pdf per steradian) for the unit direction d."""
     row, column, u, v, sine = _locate(table, d)
     c00, c01, c10, c11 = _corners(table, row, column)
-    low = table.sines[row] * _mix(_luminance(c00), _luminance(c01), u)
-    high = table.sines[row + 1] * _mix(_luminance(c10), _luminance(c11), u)
+    low = at(table.sines, row) * _mix(_luminance(c00), _luminance(c01), u)
+    high = at(table.sines, row + np.int32(1)) * _mix(_luminance(c10), _luminance(c11), u)
     pdf = table.scale[0] * _mix(low, high, v) / max(sine, SMALL)
     return _mix_color(c00, c01, c10, c11, u, v), pdf
 
@@ -214,28 +214,26 @@ def environment_lookup(table, d):
 
 
 @device
-def _invert(cdf, guide, u):
-    """(index, u within the cell in [0, 1)): cdf[index] <= u < cdf[index + 1]."""
-    k = int(u * np.float32(guide.shape[0] - 1))
-    low, high = guide[k], guide[k + 1]
-    while low < high:
-        middle = (low + high + 1) >> 1
-        if cdf[middle] <= u:
-            low = middle
-        else:
-            high = middle - 1
-    width = cdf[low + 1] - cdf[low]
-    return low, min((u - cdf[low]) / max(width, SMALL), LAST_BELOW_ONE)
+def _invert(cdf, guide, row, u):
+    """(index, u within the cell in [0, 1)): cdf[row, index] <= u < cdf[row, index + 1]."""
+    k = int32(u * np.float32(guide.shape[1] - 1))
+    low, high = at(guide, row, k), at(guide, row, k + np.int32(1))
+    while any_of(low < high):
+        middle = int32(int32(low + high + np.int32(1)) >> np.int32(1))
+        above = at(cdf, row, middle) <= u
+        low, high = select(above, middle, low), select(above, high, int32(middle - np.int32(1)))
+    start = at(cdf, row, low)
+    width = at(cdf, row, low + np.int32(1)) - start
+    return low, min((u - start) / max(width, SMALL), LAST_BELOW_ONE)
 
 
 @device
 def _sample_linear(a, b, u):
     """x in [0, 1] with density proportional to a (1 - x) + b x. Pharr et al. 2023, PBR 4e, section 2.3.2."""
     total = a + b
-    if a == b or total < TINY:  # the reciprocal of less is infinite; nobody sees how so little light is spread
-        return u
-    a, b = a / total, b / total  # shares, as the squares of an image's values may leave float32
-    return u / max(a + math.sqrt(_mix(a * a, b * b, u)), SMALL)
+    uniform = (a == b) | (total < TINY)  # the reciprocal of less is infinite; nobody sees how so little is spread
+    c, d = a / total, b / total  # shares, as the squares of an image's values may leave float32
+    return select(uniform, u, u / max(c + math.sqrt(_mix(c * c, d * d, u)), SMALL))
 
 
 @device
@@ -247,10 +245,10 @@ def sample_environment(table, u1, u2):
     if table.scale[0] == ZERO:
         return (ZERO, ZERO, ONE), BLACK, ZERO
     height, width = table.image.shape[0], table.image.shape[1]
-    row, u1 = _invert(table.row_cdf, table.row_guide, u1)
-    column, u2 = _invert(table.column_cdf[row], table.column_guide[row], u2)
+    row, u1 = _invert(table.row_cdf, table.row_guide, 0, u1)
+    column, u2 = _invert(table.column_cdf, table.column_guide, row, u2)
     c00, c01, c10, c11 = _corners(table, row, column)
-    sine_low, sine_high = table.sines[row], table.sines[row + 1]
+    sine_low, sine_high = at(table.sines, row), at(table.sines, row + np.int32(1))
     w00, w01 = sine_low * _luminance(c00), sine_low * _luminance(c01)
     w10, w11 = sine_high * _luminance(c10), sine_high * _luminance(c11)
     v = _sample_linear(w00 + w01, w10 + w11, u1)
@@ -258,13 +256,12 @@ def sample_environment(table, u1, u2):
     u = _sample_linear(left, right, u2)
 
     # theta from the nearer pole, where 1 - v would have lost its digits.
-    low = max(np.float32(row) - HALF, ZERO)
-    step = v * (HALF if row == 0 or row == height else ONE)
-    upper = row + row > height
-    from_pole = np.float32(height) - low - step if upper else low + step
-    theta = PI * from_pole / np.float32(height)
-    sine, cosine = math.sin(theta), math.cos(theta)
-    phi = TWO_PI * (np.float32(column) + HALF + u) / np.float32(width)
-    d = -math.cos(phi) * sine, math.sin(phi) * sine, cosine if upper else -cosine
+    low = max(float32(row) - HALF, ZERO)
+    step = v * select((row == np.int32(0)) | (row == np.int32(height)), HALF, ONE)
+    upper = row + row > np.int32(height)
+    from_pole = select(upper, np.float32(height) - low - step, low + step)
+    sine, cosine = sin_cos_turn(HALF * from_pole / np.float32(height))
+    sin_phi, cos_phi = sin_cos_turn((float32(column) + HALF + u) / np.float32(width))
+    d = -cos_phi * sine, sin_phi * sine, select(upper, cosine, -cosine)
     pdf = table.scale[0] * _mix(left, right, u) / max(sine, SMALL)
     return d, _mix_color(c00, c01, c10, c11, u, v), pdf

@@ -14,6 +14,7 @@ import numpy as np
 from ...features import IMAGE_WORLD, NO_EMITTER
 from ..geom.vec import LARGE, ONE, TINY, ZERO
 from ..jit import device
+from ..simd import select
 from ..tables import WORLD_IRRADIANCE
 from .sun import suns_importance
 from .tree import tree_importance
@@ -34,9 +35,6 @@ class Shares(NamedTuple):
     world: np.float32
 
 
-NO_SHARES = Shares(ZERO, ZERO, ZERO)
-
-
 @device
 def _world_importance(lights, n):
     w = lights.world
@@ -49,16 +47,17 @@ def _world_importance(lights, n):
 def group_shares(f, lights, tree, p, n):
     """`Shares` at the point p with normal n. A single group costs nothing: its share is the constant 1."""
     has_local, has_world = f.emitter_choice != NO_EMITTER, f.world == IMAGE_WORLD
-    if has_local + f.suns + has_world <= 1:
-        return Shares(ONE if has_local else ZERO, ONE if f.suns else ZERO, ONE if has_world else ZERO)
-    local = min(tree_importance(tree, p, n), LARGE) if has_local else ZERO
-    suns = min(suns_importance(lights.suns, n), LARGE) if f.suns else ZERO
-    world = min(_world_importance(lights, n), LARGE) if has_world else ZERO
-    least = LEAST_SHARE * max(local, max(suns, world))
-    local = max(local, least) if local > ZERO else ZERO
-    suns = max(suns, least) if suns > ZERO else ZERO
-    world = max(world, least) if world > ZERO else ZERO
-    total = local + suns + world
-    if total <= TINY:
-        return NO_SHARES
-    return Shares(local / total, suns / total, world / total)
+    local, suns, world = ONE if has_local else ZERO, ONE if f.suns else ZERO, ONE if has_world else ZERO
+    if has_local + f.suns + has_world > 1:
+        local = min(tree_importance(tree, p, n), LARGE) if has_local else ZERO
+        suns = min(suns_importance(lights.suns, n), LARGE) if f.suns else ZERO
+        world = min(_world_importance(lights, n), LARGE) if has_world else ZERO
+        least = LEAST_SHARE * max(local, max(suns, world))
+        local = select(local > ZERO, max(local, least), ZERO)
+        suns = select(suns > ZERO, max(suns, least), ZERO)
+        world = select(world > ZERO, max(world, least), ZERO)
+        total = local + suns + world
+        dark = total <= TINY
+        local, suns = select(dark, ZERO, local / total), select(dark, ZERO, suns / total)
+        world = select(dark, ZERO, world / total)
+    return Shares(local, suns, world)

@@ -9,6 +9,7 @@ from ..geom.frame import to_world
 from ..geom.vec import BLACK, ONE, TINY, ZERO, direction_and_length, dot, negate, scale, sub
 from ..jit import device
 from ..sampler.warp import uniform_cone, uniform_cone_pdf
+from ..simd import any_of, at, no, select
 from ..tables import POSITION, RADIANCE, SIZE
 from .spherical import one_minus_cos, sample_sphere, sphere_pdf
 from .spot import spot_falloff
@@ -16,47 +17,45 @@ from .spot import spot_falloff
 
 @device
 def _position(lamps, i):
-    return lamps[i, POSITION], lamps[i, POSITION + 1], lamps[i, POSITION + 2]
+    return at(lamps, i, POSITION), at(lamps, i, POSITION + 1), at(lamps, i, POSITION + 2)
 
 
 @device
 def _radiance(lamps, i):
-    return lamps[i, RADIANCE], lamps[i, RADIANCE + 1], lamps[i, RADIANCE + 2]
+    return at(lamps, i, RADIANCE), at(lamps, i, RADIANCE + 1), at(lamps, i, RADIANCE + 2)
 
 
 @device
 def sample_point(spot, lamps, i, p):
     """(wi, t, irradiance on a plane that faces the lamp, pdf = 1): a delta, no density."""
     wi, t = direction_and_length(sub(_position(lamps, i), p))
-    if t <= ZERO:
-        return wi, ZERO, BLACK, ZERO
+    here = t <= ZERO
     falloff = ONE / (t * t)
-    if spot:
-        falloff *= spot_falloff(lamps, i, negate(wi))
-    return wi, t, scale(_radiance(lamps, i), falloff), ONE
+    if any_of(spot):
+        falloff *= select(spot, spot_falloff(lamps, i, negate(wi)), ONE)
+    return wi, t, select(here, BLACK, scale(_radiance(lamps, i), falloff)), select(here, ZERO, ONE)
 
 
 @device
 def sample_sphere_lamp(spot, lamps, i, p, n, u1, u2):
     """(wi, t, radiance, pdf)"""
-    wi, t, pdf = sample_sphere(p, n, _position(lamps, i), lamps[i, SIZE], u1, u2)
+    wi, t, pdf = sample_sphere(p, n, _position(lamps, i), at(lamps, i, SIZE), u1, u2)
     return wi, t, _sphere_radiance(spot, lamps, i, p, wi), pdf
 
 
 @device
 def sphere_lamp_seen(spot, lamps, i, p, n, wi):
     """(radiance, pdf) for a ray from p along wi that meets the sphere; n is the normal at p."""
-    return _sphere_radiance(spot, lamps, i, p, wi), sphere_pdf(p, n, _position(lamps, i), lamps[i, SIZE], wi)
+    return _sphere_radiance(spot, lamps, i, p, wi), sphere_pdf(p, n, _position(lamps, i), at(lamps, i, SIZE), wi)
 
 
 @device
 def _sphere_radiance(spot, lamps, i, p, wi):
     radiance = _radiance(lamps, i)
-    if spot:
-        to_lamp = sub(_position(lamps, i), p)
+    if any_of(spot):
         # As in Cycles, a spot's cone does not darken what is inside its sphere.
-        if dot(to_lamp, to_lamp) > lamps[i, SIZE] * lamps[i, SIZE]:
-            radiance = scale(radiance, spot_falloff(lamps, i, negate(wi)))
+        darkens = spot & no(inside_lamp(lamps, i, p))
+        radiance = scale(radiance, select(darkens, spot_falloff(lamps, i, negate(wi)), ONE))
     return radiance
 
 
@@ -64,12 +63,12 @@ def _sphere_radiance(spot, lamps, i, p, wi):
 def sample_disk_lamp(spot, lamps, i, p, u1, u2):
     """(wi, t, radiance, pdf). The disk faces p, so what p sees of it is a cone: uniform in solid angle."""
     axis, distance = direction_and_length(sub(_position(lamps, i), p))
-    if distance <= ZERO:
-        return axis, ZERO, BLACK, ZERO
-    cap = _disk_cap(lamps[i, SIZE], distance)
+    here = distance <= ZERO
+    cap = _disk_cap(at(lamps, i, SIZE), distance)
     local = uniform_cone(u1, u2, cap)
     wi = to_world(local, axis)
-    return wi, distance / max(local[2], TINY), _disk_radiance(spot, lamps, i, wi), uniform_cone_pdf(cap)
+    radiance, pdf = _disk_radiance(spot, lamps, i, wi), uniform_cone_pdf(cap)
+    return wi, distance / max(local[2], TINY), select(here, BLACK, radiance), select(here, ZERO, pdf)
 
 
 @device
@@ -78,13 +77,11 @@ def disk_lamp_seen(spot, lamps, i, p, wi):
     to_lamp = sub(_position(lamps, i), p)
     axis, distance = direction_and_length(to_lamp)
     cosine = dot(axis, wi)
-    if cosine <= TINY:
-        return BLACK, ZERO
     off = sub(scale(wi, distance / cosine), to_lamp)
-    radius = lamps[i, SIZE]
-    if dot(off, off) > radius * radius:
-        return BLACK, ZERO
-    return _disk_radiance(spot, lamps, i, wi), uniform_cone_pdf(_disk_cap(radius, distance))
+    radius = at(lamps, i, SIZE)
+    beside = (cosine <= TINY) | (dot(off, off) > radius * radius)
+    radiance, pdf = _disk_radiance(spot, lamps, i, wi), uniform_cone_pdf(_disk_cap(radius, distance))
+    return select(beside, BLACK, radiance), select(beside, ZERO, pdf)
 
 
 @device
@@ -105,10 +102,12 @@ def disk_distance(lamps, i, p, wi):
 def inside_lamp(lamps, i, p):
     """Whether p lies inside the sphere of the lamp, or on it: rays from there only meet it where they leave it."""
     off = sub(_position(lamps, i), p)
-    return dot(off, off) <= lamps[i, SIZE] * lamps[i, SIZE]
+    return dot(off, off) <= at(lamps, i, SIZE) * at(lamps, i, SIZE)
 
 
 @device
 def _disk_radiance(spot, lamps, i, wi):
     radiance = _radiance(lamps, i)
-    return scale(radiance, spot_falloff(lamps, i, negate(wi))) if spot else radiance
+    if any_of(spot):
+        radiance = scale(radiance, select(spot, spot_falloff(lamps, i, negate(wi)), ONE))
+    return radiance

@@ -20,10 +20,12 @@ import math
 
 import numpy as np
 
+from ..geom.elementary import sin_cos_double, sin_cos_turn
 from ..geom.frame import to_world
 from ..geom.vec import (
     HALF,
     HALF_PI,
+    INV_TWO_PI,
     ONE,
     PI,
     QUARTER_PI,
@@ -38,6 +40,7 @@ from ..geom.vec import (
 )
 from ..jit import device
 from ..sampler.warp import cosine_hemisphere, cosine_hemisphere_pdf, uniform_cone, uniform_cone_pdf
+from ..simd import any_of, float32, float64, no, select
 
 FAR_RATIO = np.float32(2)
 FAR_RATIO_SQUARED = FAR_RATIO * FAR_RATIO
@@ -51,7 +54,6 @@ ATAN_3 = np.float32(-0.1384849)
 ATAN_4 = np.float32(0.07976292)
 
 SHEAR_LIMIT = np.float32(1e-4)
-NO_DIRECTION = (ZERO, ZERO, ONE)
 
 
 @device
@@ -66,14 +68,14 @@ def atan2_upper(y, x):
     ax = abs(x)
     low, high = min(ax, y), max(ax, y)
     beyond = low > TAN_PI_8 * high
-    top = low - high if beyond else low
-    bottom = low + high if beyond else high
-    q = top / bottom if bottom > ZERO else ZERO
+    top = select(beyond, low - high, low)
+    bottom = select(beyond, low + high, high)
+    q = select(bottom > ZERO, top / bottom, ZERO)
     z = q * q
     angle = q * (ATAN_0 + z * (ATAN_1 + z * (ATAN_2 + z * (ATAN_3 + z * ATAN_4))))
-    angle = angle + QUARTER_PI if beyond else angle
-    angle = HALF_PI - angle if y > ax else angle
-    return PI - angle if x < ZERO else angle
+    angle = select(beyond, angle + QUARTER_PI, angle)
+    angle = select(y > ax, HALF_PI - angle, angle)
+    return select(x < ZERO, PI - angle, angle)
 
 
 # --- triangle ------------------------------------------------------------------------------------------------------
@@ -108,12 +110,9 @@ def _half_solid_angle(volume, cos_ab, cos_ac, cos_bc):
 def _area_weights(u1, u2):
     """Weights of the vertices for a point uniform in area. Heitz 2019, "A Low-Distortion Map Between Triangle and
     Square"."""
-    if u2 > u1:
-        w1 = HALF * u1
-        w2 = u2 - w1
-    else:
-        w2 = HALF * u2
-        w1 = u1 - w2
+    upper = u2 > u1
+    half = HALF * min(u1, u2)
+    w1, w2 = select(upper, half, u1 - half), select(upper, u2 - half, half)
     return ONE - w1 - w2, w1, w2
 
 
@@ -126,7 +125,7 @@ def _solid_angle_weights(a, b, c, volume, ab, ac, bc, half_angle, u1, u2):
     from b to the new vertex, its cosine to b uniform (Arvo 1995).
     """
     tau = u1 * half_angle
-    sin_tau, cos_tau = math.sin(tau), math.cos(tau)
+    sin_tau, cos_tau = sin_cos_turn(tau * INV_TWO_PI)
     alpha = max(volume * cos_tau - (ac + bc) * sin_tau, ZERO)
     beta = (ONE + ab) * sin_tau
     bisector_squared = alpha * alpha + beta * beta + TWO * alpha * beta * ac
@@ -150,21 +149,27 @@ def sample_triangle(p, v0, v1, v2, u1, u2):
     edge1, edge2 = sub(v1, v0), sub(v2, v0)
     ng = cross(edge1, edge2)
     height_ng = abs(dot(a, ng))
-    if not height_ng > ZERO:
-        return NO_DIRECTION, ZERO, ZERO
     b, c = sub(v1, p), sub(v2, p)
-    if _triangle_is_far(edge1, edge2, ng, height_ng):
-        w0, w1, w2 = _area_weights(u1, u2)
-        wi, t = direction_and_length(_combine(w0, a, w1, b, w2, c))
-        return wi, t, TWO * t * t * t / height_ng
+    weights, near_pdf = _area_weights(u1, u2), ZERO
+    far = _triangle_is_far(edge1, edge2, ng, height_ng)
+    if any_of(no(far)):
+        near_weights, near_pdf = _near_triangle(a, b, c, height_ng, u1, u2)
+        weights = select(far, weights, near_weights)
+    wi, t = direction_and_length(_combine(weights[0], a, weights[1], b, weights[2], c))
+    pdf = select(far, TWO * t * t * t / height_ng, near_pdf)
+    return wi, t, select(height_ng > ZERO, pdf, ZERO)
+
+
+@device
+def _near_triangle(a, b, c, height_ng, u1, u2):
+    """(weights of the vertices a, b, c as seen from the point, pdf): uniform in solid angle."""
     ia, ib, ic, volume, ab, ac, bc = _triangle_measures(a, b, c, height_ng)
     half_angle = _half_solid_angle(volume, ab, ac, bc)
     units = scale(a, ia), scale(b, ib), scale(c, ic)
-    w0, w1, w2 = _solid_angle_weights(*units, volume, ab, ac, bc, half_angle, u1, u2)
+    w0, w1, w2 = _solid_angle_weights(units[0], units[1], units[2], volume, ab, ac, bc, half_angle, u1, u2)
     w0, w1, w2 = w0 * ia, w1 * ib, w2 * ic
     inverse = ONE / max(w0 + w1 + w2, SMALL)
-    wi, t = direction_and_length(_combine(w0 * inverse, a, w1 * inverse, b, w2 * inverse, c))
-    return wi, t, HALF / max(half_angle, SMALL)
+    return (w0 * inverse, w1 * inverse, w2 * inverse), HALF / max(half_angle, SMALL)
 
 
 @device
@@ -175,12 +180,11 @@ def triangle_pdf(p, v0, v1, v2, ng, wi, t):
     """
     a = sub(v0, p)
     height_ng = abs(dot(a, ng))
-    if not height_ng > ZERO:
-        return ZERO
-    if _triangle_is_far(sub(v1, v0), sub(v2, v0), ng, height_ng):
-        return TWO * t * t * t / height_ng
-    _, _, _, volume, ab, ac, bc = _triangle_measures(a, sub(v1, p), sub(v2, p), height_ng)
-    return HALF / max(_half_solid_angle(volume, ab, ac, bc), SMALL)
+    far, pdf = _triangle_is_far(sub(v1, v0), sub(v2, v0), ng, height_ng), TWO * t * t * t / height_ng
+    if any_of(no(far)):
+        _, _, _, volume, ab, ac, bc = _triangle_measures(a, sub(v1, p), sub(v2, p), height_ng)
+        pdf = select(far, pdf, HALF / max(_half_solid_angle(volume, ab, ac, bc), SMALL))
+    return select(height_ng > ZERO, pdf, ZERO)
 
 
 # --- rectangle -----------------------------------------------------------------------------------------------------
@@ -201,7 +205,7 @@ def _rectangle_frame(p, corner, edge_u, edge_v):
 @device
 def _rectangle_by_area(width, depth, height, orthogonal):
     longest = max(width, depth)
-    return not orthogonal or FAR_RATIO_SQUARED * longest * longest < height * height
+    return no(orthogonal) | (FAR_RATIO_SQUARED * longest * longest < height * height)
 
 
 @device
@@ -239,8 +243,9 @@ def _rectangle_point(x0, y0, x1, y1, h, solid_angle, u1, u2):
     In float64, because 1 - X^2 cancels where the plane passes close by: at a height of 1e-3, float32 puts 15 % of the
     samples into the wrong one of 64 cells. That costs 15 ns of 55.
     """
-    x0, y0, y1, h = np.float64(x0), np.float64(y0), np.float64(y1), np.float64(h)
-    share = np.float64(u1) * np.float64(solid_angle)
+    first_x, last_x, first_y, last_y = x0, x1, y0, y1
+    x0, y0, y1, h = float64(x0), float64(y0), float64(y1), float64(h)
+    share = float64(u1) * float64(solid_angle)
     h_squared = h * h
     inverse0, inverse1 = 1.0 / math.sqrt(y0 * y0 + h_squared), 1.0 / math.sqrt(y1 * y1 + h_squared)
     b0, b1 = y0 * inverse0, y1 * inverse1
@@ -248,16 +253,16 @@ def _rectangle_point(x0, y0, x1, y1, h, solid_angle, u1, u2):
     c0 = math.sqrt(max(1.0 - b0 * b0 * start * start, 0.0))
     c1 = math.sqrt(max(1.0 - b1 * b1 * start * start, 0.0))
     m = b1 * c0 - b0 * c1
-    sine, cosine = math.sin(share), math.cos(share)
+    sine, cosine = sin_cos_double(share)
     d = start * m * cosine + (c0 * c1 + b0 * b1 * start * start) * sine
     n = c0 * m * cosine + b1 * (1.0 - cosine) + b0 * start * m * sine
     x = h * d / math.sqrt(max(n * n - (h * inverse0 * d) * (h * inverse0 * d), 1e-300))
-    x = min(max(np.float32(x), np.float32(x0)), x1)
-    distance_squared = np.float64(x) * np.float64(x) + h_squared
+    x = min(max(float32(x), first_x), last_x)
+    distance_squared = float64(x) * float64(x) + h_squared
     t0, t1 = y0 / math.sqrt(distance_squared + y0 * y0), y1 / math.sqrt(distance_squared + y1 * y1)
-    t = t0 + np.float64(u2) * (t1 - t0)
+    t = t0 + float64(u2) * (t1 - t0)
     y = t * math.sqrt(distance_squared / max(1.0 - t * t, 1e-30))
-    return x, min(max(np.float32(y), np.float32(y0)), np.float32(y1))
+    return x, min(max(float32(y), first_y), last_y)
 
 
 @device
@@ -269,15 +274,16 @@ def sample_rectangle(p, corner, edge_u, edge_v, u1, u2):
     """
     u, v, width, depth, x0, y0, height, orthogonal = _rectangle_frame(p, corner, edge_u, edge_v)
     area, h = width * depth, abs(height)
-    if not h * area > ZERO:
-        return NO_DIRECTION, ZERO, ZERO
-    if _rectangle_by_area(width, depth, h, orthogonal):
-        wi, t = direction_and_length(_combine(ONE, sub(corner, p), u1, edge_u, u2, edge_v))
-        return wi, t, t * t * t / (area * h)
-    half_angle = _rectangle_half_solid_angle(x0, y0, x0 + width, y0 + depth, h)
-    x, y = _rectangle_point(x0, y0, x0 + width, y0 + depth, h, TWO * half_angle, u1, u2)
-    wi, t = direction_and_length(_combine(x, u, y, v, height, cross(u, v)))
-    return wi, t, HALF / max(half_angle, SMALL)
+    by_area, near_pdf = _rectangle_by_area(width, depth, h, orthogonal), ZERO
+    to_point = _combine(ONE, sub(corner, p), u1, edge_u, u2, edge_v)
+    if any_of(no(by_area)):
+        half_angle = _rectangle_half_solid_angle(x0, y0, x0 + width, y0 + depth, h)
+        x, y = _rectangle_point(x0, y0, x0 + width, y0 + depth, h, TWO * half_angle, u1, u2)
+        to_point = select(by_area, to_point, _combine(x, u, y, v, height, cross(u, v)))
+        near_pdf = HALF / max(half_angle, SMALL)
+    wi, t = direction_and_length(to_point)
+    pdf = select(by_area, t * t * t / (area * h), near_pdf)
+    return wi, t, select(h * area > ZERO, pdf, ZERO)
 
 
 @device
@@ -285,11 +291,11 @@ def rectangle_pdf(p, corner, edge_u, edge_v, wi, t):
     """Density of `sample_rectangle` for the point p + t wi of the rectangle, per steradian."""
     _, _, width, depth, x0, y0, height, orthogonal = _rectangle_frame(p, corner, edge_u, edge_v)
     area, h = width * depth, abs(height)
-    if not h * area > ZERO:
-        return ZERO
-    if _rectangle_by_area(width, depth, h, orthogonal):
-        return t * t * t / (area * h)  # h / t is the cosine
-    return HALF / max(_rectangle_half_solid_angle(x0, y0, x0 + width, y0 + depth, h), SMALL)
+    by_area, pdf = _rectangle_by_area(width, depth, h, orthogonal), t * t * t / (area * h)  # h / t is the cosine
+    if any_of(no(by_area)):
+        half_angle = _rectangle_half_solid_angle(x0, y0, x0 + width, y0 + depth, h)
+        pdf = select(by_area, pdf, HALF / max(half_angle, SMALL))
+    return select(h * area > ZERO, pdf, ZERO)
 
 
 # --- sphere --------------------------------------------------------------------------------------------------------
@@ -310,18 +316,20 @@ def sample_sphere(p, n, center, radius, u1, u2):
     """
     to_center = sub(center, p)
     d_squared, r_squared = dot(to_center, to_center), radius * radius
-    if d_squared <= r_squared:
-        local = cosine_hemisphere(u1, u2)
-        wi = to_world(local, n)
-        along = dot(to_center, wi)
-        t = along + math.sqrt(max(along * along + (r_squared - d_squared), ZERO))
-        return wi, t, cosine_hemisphere_pdf(local[2])
     axis, d = direction_and_length(to_center)
-    cap = one_minus_cos(r_squared / d_squared)
+    cap = one_minus_cos(min(r_squared / d_squared, ONE))
     local = uniform_cone(u1, u2, cap)
     sine_squared = local[0] * local[0] + local[1] * local[1]
+    wi, pdf = to_world(local, axis), uniform_cone_pdf(cap)
     t = d * local[2] - math.sqrt(max(r_squared - d_squared * sine_squared, ZERO))
-    return to_world(local, axis), t, uniform_cone_pdf(cap)
+    inside = d_squared <= r_squared
+    if any_of(inside):
+        local = cosine_hemisphere(u1, u2)
+        within = to_world(local, n)
+        along = dot(to_center, within)
+        t = select(inside, along + math.sqrt(max(along * along + (r_squared - d_squared), ZERO)), t)
+        wi, pdf = select(inside, within, wi), select(inside, cosine_hemisphere_pdf(local[2]), pdf)
+    return wi, t, pdf
 
 
 @device
@@ -329,6 +337,5 @@ def sphere_pdf(p, n, center, radius, wi):
     """Density of `sample_sphere` for a direction wi that meets the sphere, per steradian."""
     to_center = sub(center, p)
     d_squared, r_squared = dot(to_center, to_center), radius * radius
-    if d_squared <= r_squared:
-        return cosine_hemisphere_pdf(dot(n, wi))
-    return uniform_cone_pdf(one_minus_cos(r_squared / d_squared))
+    outside_pdf = uniform_cone_pdf(one_minus_cos(min(r_squared / d_squared, ONE)))
+    return select(d_squared <= r_squared, cosine_hemisphere_pdf(dot(n, wi)), outside_pdf)

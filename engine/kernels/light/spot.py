@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..geom.vec import ONE, THREE, TWO, ZERO, normalize
 from ..jit import device
+from ..simd import at, select
 from ..tables import SPOT_DROP, SPOT_SCALE, TO_LOCAL
 
 
@@ -13,13 +14,13 @@ def spot_falloff(lamps, i, w):
     space, where its scale makes an elliptic cone round (Cycles, kernel/light/spot.h)."""
     local = normalize(
         (
-            lamps[i, TO_LOCAL] * w[0] + lamps[i, TO_LOCAL + 1] * w[1] + lamps[i, TO_LOCAL + 2] * w[2],
-            lamps[i, TO_LOCAL + 3] * w[0] + lamps[i, TO_LOCAL + 4] * w[1] + lamps[i, TO_LOCAL + 5] * w[2],
-            lamps[i, TO_LOCAL + 6] * w[0] + lamps[i, TO_LOCAL + 7] * w[1] + lamps[i, TO_LOCAL + 8] * w[2],
+            at(lamps, i, TO_LOCAL) * w[0] + at(lamps, i, TO_LOCAL + 1) * w[1] + at(lamps, i, TO_LOCAL + 2) * w[2],
+            at(lamps, i, TO_LOCAL + 3) * w[0] + at(lamps, i, TO_LOCAL + 4) * w[1] + at(lamps, i, TO_LOCAL + 5) * w[2],
+            at(lamps, i, TO_LOCAL + 6) * w[0] + at(lamps, i, TO_LOCAL + 7) * w[1] + at(lamps, i, TO_LOCAL + 8) * w[2],
         )
     )
     # 1 - cos of the angle off the axis, which is local -z: a narrow cone's cosines are all 1 in float32.
     x, y, z = local
-    drop = (x * x + y * y) / (ONE - z) if z < ZERO else ONE + z
-    s = min(max((lamps[i, SPOT_DROP] - drop) * lamps[i, SPOT_SCALE], ZERO), ONE)
+    drop = select(z < ZERO, (x * x + y * y) / (ONE - z), ONE + z)
+    s = min(max((at(lamps, i, SPOT_DROP) - drop) * at(lamps, i, SPOT_SCALE), ZERO), ONE)
     return s * s * (THREE - TWO * s)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..geom.frame import to_world
 from ..geom.vec import BLACK, ONE, TWO, ZERO, dot, sub
 from ..jit import device
 from ..sampler.warp import uniform_cone, uniform_cone_pdf
+from ..simd import at, no, select
 from ..tables import SUN_AXIS, SUN_COS, SUN_IRRADIANCE, SUN_ONE_MINUS_COS, SUN_RADIANCE, SUN_SIN
 from .tree import mean_cosine
 
 
 @device
 def _axis(suns, i):
-    return suns[i, SUN_AXIS], suns[i, SUN_AXIS + 1], suns[i, SUN_AXIS + 2]
+    return at(suns, i, SUN_AXIS), at(suns, i, SUN_AXIS + 1), at(suns, i, SUN_AXIS + 2)
 
 
 @device
 def _radiance(suns, i):
-    return suns[i, SUN_RADIANCE], suns[i, SUN_RADIANCE + 1], suns[i, SUN_RADIANCE + 2]
+    return at(suns, i, SUN_RADIANCE), at(suns, i, SUN_RADIANCE + 1), at(suns, i, SUN_RADIANCE + 2)
 
 
 @device
@@ -39,18 +42,17 @@ def suns_importance(suns, n):
 def choose_sun(suns, n, u):
     """(sun, probability) by importance for a plane with normal n; u in [0, 1). probability == 0: none is up."""
     if len(suns) == 1:
-        return 0, ONE
+        return np.int32(0), ONE
     total = suns_importance(suns, n)
     u *= total
-    chosen, importance = 0, ZERO
+    chosen, importance, searches = np.int32(0), ZERO, total > ZERO
     for i in range(len(suns)):
         candidate = sun_importance(suns, i, n)
-        if candidate > ZERO:
-            chosen, importance = i, candidate
-            if u < candidate:
-                break
-            u -= candidate
-    return chosen, importance / total if total > ZERO else ZERO
+        takes = searches & (candidate > ZERO)
+        chosen, importance = select(takes, np.int32(i), chosen), select(takes, candidate, importance)
+        searches = searches & no(takes & (u < candidate))
+        u -= select(takes, candidate, ZERO)
+    return chosen, select(total > ZERO, importance / total, ZERO)
 
 
 @device
@@ -59,17 +61,16 @@ def sun_probability(suns, i, n):
     if len(suns) == 1:
         return ONE
     total = suns_importance(suns, n)
-    return sun_importance(suns, i, n) / total if total > ZERO else ZERO
+    return select(total > ZERO, sun_importance(suns, i, n) / total, ZERO)
 
 
 @device
 def sample_sun(suns, i, u1, u2):
     """(wi, radiance, pdf, delta): for a sun without an angle the irradiance and pdf = 1."""
-    one_minus_cos = suns[i, SUN_ONE_MINUS_COS]
-    if one_minus_cos <= ZERO:
-        return _axis(suns, i), _radiance(suns, i), ONE, True
-    wi = to_world(uniform_cone(u1, u2, one_minus_cos), _axis(suns, i))
-    return wi, _radiance(suns, i), uniform_cone_pdf(one_minus_cos), False
+    one_minus_cos, axis = at(suns, i, SUN_ONE_MINUS_COS), _axis(suns, i)
+    delta = one_minus_cos <= ZERO
+    wi = select(delta, axis, to_world(uniform_cone(u1, u2, one_minus_cos), axis))
+    return wi, _radiance(suns, i), select(delta, ONE, uniform_cone_pdf(one_minus_cos)), delta
 
 
 @device
@@ -77,6 +78,5 @@ def sun_seen(suns, i, wi):
     """(radiance, pdf) along wi; black beside the disk. |wi - axis|^2 / 2 = 1 - cos keeps small angles exact."""
     one_minus_cos = suns[i, SUN_ONE_MINUS_COS]
     off = sub(wi, _axis(suns, i))
-    if dot(off, off) > TWO * one_minus_cos or one_minus_cos <= ZERO:
-        return BLACK, ZERO
-    return _radiance(suns, i), uniform_cone_pdf(one_minus_cos)
+    beside = (dot(off, off) > TWO * one_minus_cos) | (one_minus_cos <= ZERO)
+    return select(beside, BLACK, _radiance(suns, i)), select(beside, ZERO, uniform_cone_pdf(one_minus_cos))

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..geom.vec import HALF, LARGE, LAST_BELOW_ONE, ONE, SMALL, ZERO, dot
 from ..jit import device
+from ..simd import any_of, at, int32, no, row_at, select
 
 # Words of a node, one cache line. COS_TOTAL: of theta_o + theta_e. CHILD is an integer: the row of the left child, with
 # the right one behind it, or -1 - emitter. TWO_SIDED: the axis has no sign.
@@ -34,7 +35,7 @@ CENTER, HALF_SIZE, POWER, AXIS, COS_O, SIN_O, COS_TOTAL, CHILD, TWO_SIDED, NODE_
     16,
 )
 
-ROOT = np.int32(0)
+ROOT, FIRST_EMITTER = np.int32(0), np.int32(-1)
 # Rounding may put an emitter that touches its bounds beyond them: cones are widened by this, as a cosine.
 SLACK = np.float32(1e-5)
 
@@ -49,7 +50,7 @@ LEAST_COSINE = np.float32(0.2)
 class LightTree(NamedTuple):
     """nodes     (N, 16) float32, the root is row 0; without emitters a single row of power 0
     integers  (N, 16) int32, the same memory
-    paths     (E,) uint64, of each emitter: the turns from the root, lowest bit first, 1 is right
+    paths     (E, 2) uint32, of each emitter: the turns from the root, lowest bit first, 1 is right
     """
 
     nodes: np.ndarray
@@ -61,51 +62,48 @@ class LightTree(NamedTuple):
 def mean_cosine(cosine, cos_w, sin_w):
     """Mean of the largest and the smallest cosine, none below 0, within the angle w of a direction with `cosine`."""
     sine = math.sqrt(max(ONE - cosine * cosine, ZERO))
-    largest = ONE if cosine >= cos_w or sin_w < ZERO else cosine * cos_w + sine * sin_w
-    smallest = ZERO if cosine <= -cos_w or sin_w < ZERO else cosine * cos_w - sine * sin_w
+    wide = sin_w < ZERO
+    largest = select((cosine >= cos_w) | wide, ONE, cosine * cos_w + sine * sin_w)
+    smallest = select((cosine <= -cos_w) | wide, ZERO, cosine * cos_w - sine * sin_w)
     return HALF * (max(largest, ZERO) + max(smallest, ZERO))
 
 
 @device
-def _faces_away(nodes, k, cosine, radius_squared, distance_squared):
-    """Whether p is out of the cone of every emitter in the cluster, which is one-sided."""
-    total = nodes[k, COS_TOTAL]
-    if total <= -ONE or distance_squared <= radius_squared:
-        return False
+def _faces_away(total, cosine, radius_squared, distance_squared):
+    """Whether p is out of the cone of every emitter in a one-sided cluster with this COS_TOTAL."""
     sine_squared = radius_squared / distance_squared
-    cos_u = math.sqrt(ONE - sine_squared)
-    if cosine >= cos_u:
-        return False
-    return cosine * cos_u + math.sqrt(max(ONE - cosine * cosine, ZERO) * sine_squared) < total - SLACK
+    cos_u = math.sqrt(max(ONE - sine_squared, ZERO))
+    in_reach = (total <= -ONE) | (distance_squared <= radius_squared) | (cosine >= cos_u)
+    largest = cosine * cos_u + math.sqrt(max(ONE - cosine * cosine, ZERO) * sine_squared)
+    return no(in_reach) & (largest < total - SLACK)
 
 
 @device
 def _importance(nodes, k, p, n):
     """An estimate, up to a common factor, of what cluster k sends to p; 0 only where nothing can arrive."""
-    to = nodes[k, CENTER] - p[0], nodes[k, CENTER + 1] - p[1], nodes[k, CENTER + 2] - p[2]
+    node = row_at(nodes, k)
+    to = node[CENTER] - p[0], node[CENTER + 1] - p[1], node[CENTER + 2] - p[2]
+    half = node[HALF_SIZE], node[HALF_SIZE + 1], node[HALF_SIZE + 2]
     height = dot(n, to)
-    half = nodes[k, HALF_SIZE], nodes[k, HALF_SIZE + 1], nodes[k, HALF_SIZE + 2]
-    if height + abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2] <= ZERO:
-        return ZERO
+    below = height + abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2] <= ZERO
     distance_squared, radius_squared = min(dot(to, to), LARGE), min(dot(half, half), LARGE)
     inverse = ONE / math.sqrt(distance_squared + SMALL)
     blur_squared = SOFTNESS * radius_squared
     soft_inverse = ONE / math.sqrt(distance_squared + blur_squared + SMALL)
     cos_u, sin_u = distance_squared * inverse * soft_inverse, math.sqrt(blur_squared) * soft_inverse
     least = LEAST_COSINE * sin_u
-    importance = nodes[k, POWER] * soft_inverse * soft_inverse
+    importance = node[POWER] * soft_inverse * soft_inverse
     importance *= max(mean_cosine(height * inverse, cos_u, sin_u), least)
-    cos_o = nodes[k, COS_O]
-    if cos_o > -ONE:
-        cosine = -(nodes[k, AXIS] * to[0] + nodes[k, AXIS + 1] * to[1] + nodes[k, AXIS + 2] * to[2]) * inverse
-        if nodes[k, TWO_SIDED] > ZERO:
-            cosine = abs(cosine)
-        elif _faces_away(nodes, k, cosine, radius_squared, distance_squared):
-            return ZERO
-        sin_o = nodes[k, SIN_O]
+    cos_o, sin_o, two_sided = node[COS_O], node[SIN_O], node[TWO_SIDED] > ZERO
+    oriented = cos_o > -ONE
+    if any_of(oriented):
+        cosine = -(node[AXIS] * to[0] + node[AXIS + 1] * to[1] + node[AXIS + 2] * to[2]) * inverse
+        away = oriented & no(two_sided) & _faces_away(node[COS_TOTAL], cosine, radius_squared, distance_squared)
+        cosine = select(two_sided, abs(cosine), cosine)
         cos_w, sin_w = cos_u * cos_o - sin_u * sin_o, sin_u * cos_o + cos_u * sin_o
-        importance *= max(mean_cosine(cosine, cos_w, sin_w), least)
-    return importance
+        factor = max(mean_cosine(cosine, cos_w, sin_w), least)
+        importance *= select(away, ZERO, select(oriented, factor, ONE))
+    return select(below, ZERO, importance)
 
 
 @device
@@ -123,50 +121,46 @@ def sample_tree(tree, p, n, u):
     """(emitter, probability, u_rest) as seen from p with normal n; u and u_rest in [0, 1).
 
     u_rest can be used again: it is u stretched from the emitter's interval, which leaves it log2(1 / probability)
-    bits shorter. probability == 0: no emitter can light p.
+    bits shorter. probability == 0: no emitter can light p, and emitter is 0.
     """
     nodes, integers = tree.nodes, tree.integers
-    probability = ONE
-    child = integers[0, CHILD]
-    if child < 0 and not _importance(nodes, ROOT, p, n) > ZERO:
-        return np.int32(0), ZERO, u
-    while child >= 0:
-        left, right = _importance(nodes, child, p, n), _importance(nodes, np.int32(child + 1), p, n)
+    probability, child = ONE, integers[0, CHILD]
+    if child < 0:
+        probability = select(_importance(nodes, ROOT, p, n) > ZERO, ONE, ZERO)
+    descends = child >= np.int32(0)
+    while any_of(descends):
+        k = select(descends, child, np.int32(0))  # where others have arrived already, any node will do
+        left, right = _importance(nodes, k, p, n), _importance(nodes, int32(k + np.int32(1)), p, n)
         total = left + right
-        if not total > ZERO:
-            return np.int32(0), ZERO, u
-        share = left / total
-        if u < share:
-            u = min(u / share, LAST_BELOW_ONE)
-            probability *= share
-            child = integers[child, CHILD]
-        else:
-            share = right / total
-            u = min(max((u - (ONE - share)) / share, ZERO), LAST_BELOW_ONE)
-            probability *= share
-            child = integers[child + 1, CHILD]
-    return np.int32(-1 - child), probability, u
+        lit, share = total > ZERO, left / total
+        to_left = u < share
+        share = select(to_left, share, right / total)
+        rest = select(to_left, u / share, max((u - (ONE - share)) / share, ZERO))
+        u = select(descends & lit, min(rest, LAST_BELOW_ONE), u)
+        probability = select(descends, select(lit, probability * share, ZERO), probability)
+        k = int32(k + select(to_left, np.int32(0), np.int32(1)))
+        child = select(descends, select(lit, at(integers, k, CHILD), FIRST_EMITTER), child)
+        descends = child >= np.int32(0)
+    return int32(np.int32(-1) - child), probability, u
 
 
 @device
 def tree_probability(tree, emitter, p, n):
     """The probability with which `sample_tree` chooses `emitter` at p with normal n."""
     nodes, integers = tree.nodes, tree.integers
-    probability = ONE
-    path = tree.paths[emitter]
-    child = integers[0, CHILD]
+    probability, child, depth = ONE, integers[0, CHILD], 0
     if child < 0:
-        return ONE if _importance(nodes, ROOT, p, n) > ZERO else ZERO
-    while child >= 0:
-        left, right = _importance(nodes, child, p, n), _importance(nodes, np.int32(child + 1), p, n)
+        probability = select(_importance(nodes, ROOT, p, n) > ZERO, ONE, ZERO)
+    descends = child >= np.int32(0)
+    while any_of(descends):
+        k = select(descends, child, np.int32(0))
+        left, right = _importance(nodes, k, p, n), _importance(nodes, int32(k + np.int32(1)), p, n)
         total = left + right
-        if not total > ZERO:
-            return ZERO
-        if path & np.uint64(1):
-            probability *= right / total
-            child = integers[child + 1, CHILD]
-        else:
-            probability *= left / total
-            child = integers[child, CHILD]
-        path >>= np.uint64(1)
+        turns = at(tree.paths, emitter, depth >> 5) >> np.uint32(depth & 31)
+        to_left = (turns & np.uint32(1)) == np.uint32(0)
+        share = select(total > ZERO, select(to_left, left, right) / total, ZERO)
+        probability = select(descends, probability * share, probability)
+        k = int32(k + select(to_left, np.int32(0), np.int32(1)))
+        child = select(descends, at(integers, k, CHILD), child)
+        descends, depth = child >= np.int32(0), depth + 1
     return probability

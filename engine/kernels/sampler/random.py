@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import device
+from ..simd import float32, int32, uint32
 
 _MULTIPLIER = np.uint32(747796405)
 _INCREMENT = np.uint32(2891336453)
@@ -20,18 +21,18 @@ _STEP = np.float32(2.0**-24)
 @device
 def to_unit(bits):
     """A uint32 as a float32 in the OPEN interval (0, 1): the odd multiples of 2^-24, so log(u) is always finite."""
-    return np.float32(np.int32((np.uint32(bits) >> np.uint32(8)) | np.uint32(1))) * _STEP
+    return float32(int32((uint32(bits) >> np.uint32(8)) | np.uint32(1))) * _STEP
 
 
 @device
 def hash32(x):
     """A bijection of uint32 that looks random: Wellons' lowbias32 (2018)."""
-    x = np.uint32(x)
-    x = np.uint32(x ^ (x >> np.uint32(16)))
-    x = np.uint32(x * _HASH_1)
-    x = np.uint32(x ^ (x >> np.uint32(15)))
-    x = np.uint32(x * _HASH_2)
-    return np.uint32(x ^ (x >> np.uint32(16)))
+    x = uint32(x)
+    x = uint32(x ^ (x >> np.uint32(16)))
+    x = uint32(x * _HASH_1)
+    x = uint32(x ^ (x >> np.uint32(15)))
+    x = uint32(x * _HASH_2)
+    return uint32(x ^ (x >> np.uint32(16)))
 
 
 @device

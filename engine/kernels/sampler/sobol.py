@@ -25,6 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import device
+from ..simd import at, to_index, uint32
 from .random import hash32, to_unit
 
 TABLE_BITS = 12
@@ -48,25 +49,25 @@ _SHUFFLE_1, _SHUFFLE_2 = np.uint32(0x05526C56), np.uint32(0x53A22864)
 @device
 def reverse_bits(x):
     """The bits of a uint32 from last to first."""
-    x = np.uint32(((x >> _1) & _MASKS[0]) | np.uint32((x & _MASKS[0]) << _1))
-    x = np.uint32(((x >> _2) & _MASKS[1]) | np.uint32((x & _MASKS[1]) << _2))
-    x = np.uint32(((x >> _4) & _MASKS[2]) | np.uint32((x & _MASKS[2]) << _4))
-    x = np.uint32(((x >> _8) & _MASKS[3]) | np.uint32((x & _MASKS[3]) << _8))
-    return np.uint32((x >> _16) | np.uint32(x << _16))
+    x = uint32(((x >> _1) & _MASKS[0]) | uint32((x & _MASKS[0]) << _1))
+    x = uint32(((x >> _2) & _MASKS[1]) | uint32((x & _MASKS[1]) << _2))
+    x = uint32(((x >> _4) & _MASKS[2]) | uint32((x & _MASKS[2]) << _4))
+    x = uint32(((x >> _8) & _MASKS[3]) | uint32((x & _MASKS[3]) << _8))
+    return uint32((x >> _16) | uint32(x << _16))
 
 
 @device
 def hash_pixel(x, y, seed):
     """What makes this pixel's numbers its own: a uint32 for integers x, y and the render's seed."""
-    line = hash32(np.uint32(np.uint32(y) + hash32(np.uint32(seed))))
-    return hash32(np.uint32(np.uint32(x) + line))
+    line = hash32(uint32(uint32(y) + hash32(uint32(seed))))
+    return hash32(uint32(uint32(x) + line))
 
 
 @device
 def start_sample(pixel_hash, index):
     """(key, order) of sample `index` = 0, 1, ... of a pixel, which `sample_1d` and `sample_2d` take."""
-    order = reverse_bits(np.uint32(index))
-    return hash32(np.uint32(pixel_hash + (order & _BLOCK_MASK))), order
+    order = reverse_bits(uint32(index))
+    return hash32(uint32(pixel_hash + (order & _BLOCK_MASK))), order
 
 
 @device
@@ -75,26 +76,26 @@ def _shuffle(order, seed):
 
     Multipliers by Laine & Karras 2011; two rounds do here, since the table's points are scrambled already.
     """
-    x = np.uint32(order + seed)
-    x = np.uint32(x ^ np.uint32(x * _SHUFFLE_1))
-    return np.uint32(x ^ np.uint32(x * _SHUFFLE_2))
+    x = uint32(order + seed)
+    x = uint32(x ^ uint32(x * _SHUFFLE_1))
+    return uint32(x ^ uint32(x * _SHUFFLE_2))
 
 
 @device
 def sample_2d(table, key, order, dimension):
     """Two numbers in (0, 1) for this decision of the path."""
-    first = hash32(np.uint32(key + np.uint32(dimension) * _GOLDEN))
-    second = np.uint32(first * _SECOND)
-    point = table[dimension & _PAIR_MASK, _shuffle(order, first) >> _INDEX_SHIFT]
-    return to_unit(np.uint32((point & _HIGH) ^ first)), to_unit(np.uint32(np.uint32(point << _16) ^ second))
+    first = hash32(uint32(key + uint32(dimension) * _GOLDEN))
+    second = uint32(first * _SECOND)
+    point = at(table, dimension & _PAIR_MASK, to_index(_shuffle(order, first) >> _INDEX_SHIFT))
+    return to_unit(uint32((point & _HIGH) ^ first)), to_unit(uint32(uint32(point << _16) ^ second))
 
 
 @device
 def sample_1d(table, key, order, dimension):
     """One number in (0, 1) for this decision of the path: the first of `sample_2d`."""
-    first = hash32(np.uint32(key + np.uint32(dimension) * _GOLDEN))
-    point = table[dimension & _PAIR_MASK, _shuffle(order, first) >> _INDEX_SHIFT]
-    return to_unit(np.uint32((point & _HIGH) ^ first))
+    first = hash32(uint32(key + uint32(dimension) * _GOLDEN))
+    point = at(table, dimension & _PAIR_MASK, to_index(_shuffle(order, first) >> _INDEX_SHIFT))
+    return to_unit(uint32((point & _HIGH) ^ first))
 
 
 def build_sobol_table(seed: int = 0) -> np.ndarray:

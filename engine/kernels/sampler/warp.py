@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from ..geom.elementary import sin_cos_acute
-from ..geom.vec import INV_PI, INV_TWO_PI, ONE, QUARTER_PI, TINY, TWO, TWO_PI, ZERO
+from ..geom.elementary import sin_cos_acute, sin_cos_turn
+from ..geom.vec import INV_PI, INV_TWO_PI, ONE, QUARTER_PI, TINY, TWO, ZERO
 from ..jit import device
+from ..simd import floor, select
 from .random import random_1d
 
 
@@ -18,11 +19,11 @@ def concentric_disk(u1, u2):
     a = TWO * u1 - ONE
     b = TWO * u2 - ONE
     wide = abs(a) > abs(b)
-    radius = a if wide else b
-    other = b if wide else a
-    ratio = other / radius if radius != ZERO else ZERO
+    radius = select(wide, a, b)
+    other = select(wide, b, a)
+    ratio = select(radius != ZERO, other / radius, ZERO)
     s, c = sin_cos_acute(QUARTER_PI * ratio)
-    return radius * (c if wide else s), radius * (s if wide else c)
+    return radius * select(wide, c, s), radius * select(wide, s, c)
 
 
 @device
@@ -62,7 +63,7 @@ def uniform_hemisphere(u1, u2):
 
 @device
 def uniform_hemisphere_pdf(cos_theta):
-    return INV_TWO_PI if cos_theta >= ZERO else ZERO
+    return select(cos_theta >= ZERO, INV_TWO_PI, ZERO)
 
 
 @device
@@ -93,11 +94,10 @@ def regular_polygon(blades, rotation, u1, u2):
     blades  float32, a whole number of at least 3
     """
     scaled = u1 * blades
-    blade = np.floor(scaled)
+    blade = floor(scaled)
     u = math.sqrt(scaled - blade)
-    step = TWO_PI / blades
+    step, turned = ONE / blades, rotation * INV_TWO_PI
     # A point of the triangle (centre, corner k, corner k + 1): u its distance from the centre, u2 along the side.
-    start, end = rotation + step * blade, rotation + step * (blade + ONE)
-    s0, c0 = math.sin(start), math.cos(start)
-    s1, c1 = math.sin(end), math.cos(end)
+    s0, c0 = sin_cos_turn(turned + step * blade)
+    s1, c1 = sin_cos_turn(turned + step * (blade + ONE))
     return u * (c0 + (c1 - c0) * u2), u * (s0 + (s1 - s0) * u2)

@@ -1,0 +1,47 @@
+"""Sixteen numbers at once: types for Numba that are LLVM's vectors, and what the kernels do with them.
+
+The same function takes scalars and vectors, as `select`, `any_of`, `no`, `at` and the casts take both. What has to be
+kept in mind in such a function: `if` and `and` decide for one number only, so a condition on data is a `select`, or an
+`any_of` that spares work which no lane needs; and lanes that don't take part calculate too. Their results are thrown
+away, but the rows that they look up must exist.
+"""
+
+from .arithmetic import (
+    any_of,
+    bits_of,
+    count,
+    float32,
+    float64,
+    float_of,
+    floor,
+    int32,
+    no,
+    select,
+    to_index,
+    uint32,
+)
+from .memory import add_at, at, compress, first_lanes, load, row_at, store
+from .types import WIDTH
+
+__all__ = [
+    "WIDTH",
+    "add_at",
+    "any_of",
+    "at",
+    "bits_of",
+    "compress",
+    "count",
+    "first_lanes",
+    "float32",
+    "float64",
+    "float_of",
+    "floor",
+    "int32",
+    "load",
+    "no",
+    "row_at",
+    "select",
+    "store",
+    "to_index",
+    "uint32",
+]

@@ -1,0 +1,213 @@
+"""Between vectors and arrays: lanes side by side in a row, or one place of a table for each.
+
+None of these checks an index.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from llvmlite.ir import instructions
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from .arithmetic import call
+from .types import F32, F64, I32, I32_WORD, I64, MASK, U32, WIDTH, Vector, splat, widen
+
+_VECTORS = {types.float32: F32, types.float64: F64, types.int32: I32, types.uint32: U32, types.uint8: U32}
+_BYTE = ir.IntType(8)
+
+
+class _Places(instructions.Instruction):
+    """A vector of pointers: `base` plus elements, by a vector of indices. llvmlite has only the scalar one."""
+
+    def __init__(self, parent, base, index, element):
+        super().__init__(parent, ir.VectorType(ir.PointerType(), WIDTH), "getelementptr", [base, index])
+        self.element = element
+
+    def descr(self, buf):
+        base, index = self.operands
+        buf.append(
+            f"getelementptr {self.element}, {base.type} {base.get_reference()}, {index.type} {index.get_reference()}\n"
+        )
+
+
+def _array(context, builder, ty, value):
+    return context.make_array(ty)(context, builder, value)
+
+
+def _row_place(context, builder, sig, args):
+    """Pointer to array[row, i] of a C array."""
+    array = _array(context, builder, sig.args[0], args[0])
+    row, i = (context.cast(builder, x, t, types.int64) for x, t in zip(args[1:3], sig.args[1:3], strict=True))
+    offset = builder.mul(row, builder.extract_value(array.strides, 0))
+    pointer = builder.gep(builder.bitcast(array.data, ir.PointerType()), [offset], source_etype=_BYTE)
+    return builder.gep(pointer, [i], source_etype=_VECTORS[sig.args[0].dtype].llvm.element)
+
+
+@intrinsic
+def load(typing_context, array, row, i):
+    """array[row, i : i + WIDTH]"""
+    vector = _VECTORS[array.dtype]
+
+    def codegen(context, builder, sig, args):
+        return builder.load(_row_place(context, builder, sig, args), typ=vector.llvm, align=4)
+
+    return vector(array, row, i), codegen
+
+
+@intrinsic
+def store(typing_context, array, row, i, value):
+    """array[row, i : i + WIDTH] = value, a vector or a scalar for all lanes."""
+    vector = _VECTORS[array.dtype]
+
+    def codegen(context, builder, sig, args):
+        lanes = args[3] if isinstance(sig.args[3], Vector) else widen(context, builder, args[3], sig.args[3], vector)
+        place = builder.bitcast(_row_place(context, builder, sig, args), lanes.type.as_pointer())
+        builder.store(lanes, place, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, row, i, value), codegen
+
+
+@intrinsic
+def first_lanes(typing_context, n):
+    """The mask of the first n lanes; all if there are fewer than n."""
+
+    def codegen(context, builder, sig, args):
+        lanes = ir.Constant(U32.llvm, list(range(WIDTH)))
+        n = widen(context, builder, args[0], sig.args[0], I32)
+        return builder.icmp_signed("<", lanes, n)
+
+    return MASK(n), codegen
+
+
+@intrinsic
+def compress(typing_context, value, mask):
+    """The lanes of the mask moved to the front; what follows them is anything."""
+
+    def codegen(context, builder, sig, args):
+        vector = sig.args[0]
+        undefined = ir.Constant(vector.llvm, ir.Undefined)
+        name = f"llvm.experimental.vector.compress.{vector.suffix}"
+        return call(builder, name, vector.llvm, [args[0], args[1], undefined])
+
+    return value(value, mask), codegen
+
+
+def _steps(builder, array, ty):
+    """Of each index, how many elements lie between its places."""
+    size = ty.dtype.bitwidth // 8
+    for axis in range(ty.ndim):
+        if axis == ty.ndim - 1 and ty.layout == "C":
+            yield I64(1)
+        else:
+            yield builder.sdiv(builder.extract_value(array.strides, axis), I64(size))
+
+
+def _lane_places(context, builder, ty, value, index_types, indices):
+    """A vector of pointers to ty's elements. Scalar indices move the base; offsets of lanes are 32 bits wide."""
+    array = _array(context, builder, ty, value)
+    element = context.get_value_type(ty.dtype)
+    base, lanes = builder.bitcast(array.data, ir.PointerType()), None
+    for step, index_type, index in zip(_steps(builder, array, ty), index_types, indices, strict=True):
+        if isinstance(index_type, Vector):
+            term = index
+            if not isinstance(step, ir.Constant):
+                term = builder.mul(index, splat(builder, builder.trunc(step, I32_WORD), U32.llvm))
+            lanes = term if lanes is None else builder.add(lanes, term)
+        else:
+            offset = builder.mul(context.cast(builder, index, index_type, types.int64), step)
+            base = builder.gep(base, [offset], source_etype=element)
+    places = _Places(builder.block, base, lanes, element)
+    builder._insert(places)
+    return places
+
+
+def _gather(builder, vector, places, mask, bits):
+    """LLVM's masked gather, its alignment as an operand: as LLVM took it before 22, which still reads that."""
+    llvm = ir.VectorType(ir.IntType(8), WIDTH) if bits == 8 else vector.llvm
+    name = f"llvm.masked.gather.{f'v{WIDTH}i8' if bits == 8 else vector.suffix}.v{WIDTH}p0"
+    shape = ir.FunctionType(llvm, [places.type, I32_WORD, mask.type, llvm])
+    function = cgutils.get_or_insert_function(builder.module, shape, name)
+    found = builder.call(function, [places, I32_WORD(bits // 8), mask, ir.Constant(llvm, ir.Undefined)])
+    return builder.zext(found, vector.llvm) if bits == 8 else found
+
+
+@intrinsic
+def at(typing_context, array, *indices):
+    """array[indices]: one place for each lane where an index is a vector. Every lane's place must exist."""
+    given = types.StarArgTuple.from_types(indices)
+    result = _VECTORS[array.dtype] if any(isinstance(index, Vector) for index in indices) else array.dtype
+
+    def codegen(context, builder, sig, args):
+        ty, index_types = sig.args[0], list(sig.args[1])
+        indices = [builder.extract_value(args[1], i) for i in range(len(index_types))]
+        if isinstance(sig.return_type, Vector):
+            places = _lane_places(context, builder, ty, args[0], index_types, indices)
+            return _gather(builder, sig.return_type, places, ir.Constant(MASK.llvm, [1] * WIDTH), ty.dtype.bitwidth)
+        array = _array(context, builder, ty, args[0])
+        base = builder.bitcast(array.data, ir.PointerType())
+        for step, index_type, index in zip(_steps(builder, array, ty), index_types, indices, strict=True):
+            offset = builder.mul(context.cast(builder, index, index_type, types.int64), step)
+            base = builder.gep(base, [offset], source_etype=context.get_value_type(ty.dtype))
+        return builder.load(base, typ=context.get_value_type(ty.dtype), align=ty.dtype.bitwidth // 8)
+
+    return result(array, given), codegen
+
+
+def _transposed(builder, rows: list) -> list:
+    """WIDTH vectors as the columns of what they are the rows of, by log2(WIDTH) rounds of shuffles of two."""
+    bit = 1
+    while bit < WIDTH:
+        low = ir.Constant(U32.llvm, [k if not k & bit else WIDTH + k - bit for k in range(WIDTH)])
+        high = ir.Constant(U32.llvm, [k + bit if not k & bit else WIDTH + k for k in range(WIDTH)])
+        for i in range(WIDTH):
+            if not i & bit:
+                a, b = rows[i], rows[i | bit]
+                rows[i], rows[i | bit] = builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high)
+        bit *= 2
+    return rows
+
+
+@intrinsic
+def row_at(typing_context, array, row):
+    """The WIDTH words of a row of a C array (rows, WIDTH). For vectors each lane's row is one load, and the lot of
+    them is turned about: that takes half the time of looking up each word."""
+    words = _VECTORS[array.dtype] if isinstance(row, Vector) else array.dtype
+    result = types.UniTuple(words, WIDTH)
+
+    def codegen(context, builder, sig, args):
+        array = _array(context, builder, sig.args[0], args[0])
+        base, element = builder.bitcast(array.data, ir.PointerType()), context.get_value_type(sig.args[0].dtype)
+
+        def place(row, word=0):
+            offset = builder.add(builder.mul(row, I64(WIDTH)), I64(word))
+            return builder.gep(base, [offset], source_etype=element)
+
+        if isinstance(sig.args[1], Vector):
+            lanes = [builder.extract_element(args[1], I32_WORD(lane)) for lane in range(WIDTH)]
+            rows = [builder.load(place(builder.zext(row, I64)), typ=words.llvm, align=4) for row in lanes]
+            return context.make_tuple(builder, sig.return_type, _transposed(builder, rows))
+        row = context.cast(builder, args[1], sig.args[1], types.int64)
+        found = [builder.load(place(row, word), typ=element, align=4) for word in range(WIDTH)]
+        return context.make_tuple(builder, sig.return_type, found)
+
+    return result(array, row), codegen
+
+
+@intrinsic
+def add_at(typing_context, array, row, index, value, mask):
+    """array[row, index] += value in the lanes of the mask, whose indices all differ. float32."""
+
+    def codegen(context, builder, sig, args):
+        places = _lane_places(context, builder, sig.args[0], args[0], sig.args[1:3], args[1:3])
+        old = _gather(builder, F32, places, args[4], 32)
+        value = widen(context, builder, args[3], sig.args[3], F32)
+        shape = ir.FunctionType(ir.VoidType(), [F32.llvm, places.type, I32_WORD, MASK.llvm])
+        name = f"llvm.masked.scatter.{F32.suffix}.v{WIDTH}p0"
+        scatter = cgutils.get_or_insert_function(builder.module, shape, name)
+        builder.call(scatter, [builder.fadd(old, value), places, I32_WORD(4), args[4]])
+        return context.get_dummy_value()
+
+    return types.void(array, row, index, value, mask), codegen

@@ -1,0 +1,281 @@
+"""The path tracer in stages: a batch of paths goes together from vertex to vertex, sixteen in a register.
+
+camera -> (trace all rays -> shade all hits -> trace all shadow rays), until no path is left -> film. What is done at a
+vertex are the functions of `path`, given vectors. Paths that end make room, so that the registers stay full.
+
+A sample's light is added up in the order of its path, and a pixel's samples in the order of their numbers: what comes
+out depends neither on threads nor on where batches end.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..features import DARK_WORLD, Features
+from .batch import (
+    ALPHA,
+    BATCH,
+    BRINGS,
+    DIRECTION,
+    END,
+    FROM,
+    INDEX,
+    INSTANCE,
+    KEY,
+    LIGHT,
+    MET,
+    ORDER,
+    PDF,
+    PLACE,
+    START,
+    T_FAR,
+    T_NEAR,
+    THROUGHPUT,
+    TO,
+    TRIANGLE,
+    WI,
+    N,
+    P,
+    U,
+    V,
+    X,
+    Y,
+    add_at_3,
+    batch_of,
+    load_3,
+    pack,
+    pack_3,
+    store_3,
+)
+from .bsdf.diffuse import REJECTION
+from .direct import samples_lights, shadow_segment, unshadowed_light
+from .embree import is_finite
+from .geom.surface import Hit, find_surface
+from .geom.vec import BLACK, FAR, ONE, ZERO, dot, is_black, max_component, mul, negate, scale
+from .jit import device, kernel
+from .met import emitted, escaped
+from .path import ROULETTE_KEEP, camera_ray, last_ray_finds_light, make_vertex, reflects, scatter
+from .rays import occluded_all, trace_all
+from .records import (
+    FIRST_VERTEX,
+    REJECTED,
+    ROULETTE,
+    VERTEX_DECISIONS,
+    WHITE,
+    Light,
+    Numbers,
+    Ray,
+    without_density,
+)
+from .sampler.sobol import hash_pixel, sample_1d, start_sample
+from .simd import WIDTH, add_at, any_of, count, first_lanes, int32, load, no, select, store, to_index
+from .tables import CAMERA_RAY, DIFFUSE_RAY
+
+
+def covers(f: Features) -> bool:
+    """Whether this kernel does all that a scene with these features needs."""
+    others = f.transparency or f.lamp_shapes or f.ray_kinds or f.clamp
+    return f.shared_light and not others and f.hemisphere != REJECTION
+
+
+# --- samples ---------------------------------------------------------------------------------------------------------
+
+
+@device
+def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y, done):
+    """Fill the batch with samples from sample `done` of pixel (x, y) on, pixel by pixel.
+
+    Returns (their number, and where to go on: x, y, done)."""
+    words, n, adaptive = batch.sample_words, 0, active.size > 1
+    while n < BATCH and y < tile[3]:
+        if done < sample_count and (not adaptive or active[y - origin[1], x - origin[0]]):
+            words[X, n], words[Y, n], words[INDEX, n] = np.uint32(x), np.uint32(y), np.uint32(first_sample + done)
+            n, done = n + 1, done + 1
+            continue
+        done, x = 0, x + 1
+        if x == tile[2]:
+            x, y = tile[0], y + 1
+    return n, x, y, done
+
+
+@device
+def _to_film(batch, n, origin, sums, samples, half, active, counters):
+    """Add the batch's samples to their pixels, one after the other."""
+    words, rows, adaptive = batch.sample_words, batch.samples, active.size > 1
+    for i in range(n):
+        row, column = np.int64(words[Y, i]) - origin[1], np.int64(words[X, i]) - origin[0]
+        samples[row, column] += 1
+        red, green, blue = rows[LIGHT, i], rows[LIGHT + 1, i], rows[LIGHT + 2, i]
+        if not is_finite(red + green + blue):
+            counters[REJECTED] += 1
+            continue
+        sums[row, column, 0] += red
+        sums[row, column, 1] += green
+        sums[row, column, 2] += blue
+        sums[row, column, 3] += rows[ALPHA, i]
+        if adaptive and words[INDEX, i] % np.uint32(2) == 0:
+            half[row, column, 0] += red
+            half[row, column, 1] += green
+            half[row, column, 2] += blue
+
+
+# --- paths -----------------------------------------------------------------------------------------------------------
+
+
+@device
+def _start_paths(f, tables, batch, n, seed):
+    """The camera's rays for the batch's first n samples."""
+    paths, words = batch.paths, batch.path_words
+    for i in range(0, n, WIDTH):
+        x, y = load(batch.sample_words, X, i), load(batch.sample_words, Y, i)
+        key, order = start_sample(hash_pixel(x, y, seed), load(batch.sample_words, INDEX, i))
+        ray, stretch = camera_ray(f, tables, Numbers(key, order, FIRST_VERTEX), x, y)
+        for lane in range(WIDTH):
+            words[PLACE, i + lane] = np.uint32(i + lane)
+        store(words, KEY, i, key)
+        store(words, ORDER, i, order)
+        store_3(paths, THROUGHPUT, i, WHITE)
+        store_3(paths, P, i, ray.p)
+        store_3(paths, N, i, ray.n)
+        store_3(paths, WI, i, ray.wi)
+        store(paths, PDF, i, ray.pdf)
+        store_3(paths, START, i, stretch.start)
+        store(paths, T_NEAR, i, stretch.t_near)
+        store(paths, T_FAR, i, stretch.t_far)
+        store_3(batch.samples, LIGHT, i, BLACK)
+        store(batch.samples, ALPHA, i, ONE)
+
+
+@device
+def _follow_paths(f, tables, limits, batch, n, counters, halt):
+    """Follow the batch's n paths to their ends. Returns the number of rays traced."""
+    bounces, kind, dimension, rays = 0, CAMERA_RAY, FIRST_VERTEX, 0
+    while n > 0 and not halt[0]:
+        first, last = bounces == 0, bounces > limits.max_bounces
+        trace_all(f, tables, batch, n, kind, first)
+        rays += n
+        dimension += VERTEX_DECISIONS
+        n, shadows = _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last)
+        occluded_all(f, tables, batch, shadows, first)
+        rays += shadows
+        bounces, kind = bounces + 1, DIFFUSE_RAY
+    return rays
+
+
+@device
+def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last):
+    """From the hits of n rays to the next rays. Returns (paths that go on, shadow rays), packed together in `batch`."""
+    live, shadows = 0, 0
+    goes_on = not last and (bounces < limits.max_bounces or last_ray_finds_light(f))
+    for i in range(0, n, WIDTH):
+        paths, words = batch.paths, batch.path_words
+        within = first_lanes(n - i)
+        place = to_index(select(within, load(words, PLACE, i), np.uint32(0)))
+        met = load(batch.hit_words, MET, i) != np.uint32(0)
+        ray = Ray(load_3(paths, P, i), load_3(paths, N, i), load_3(paths, WI, i), kind, load(paths, PDF, i), False)
+        light = Light(BLACK, load_3(paths, THROUGHPUT, i), ZERO)
+        _add_escaped(f, tables, batch, ray, light, place, within & no(met), bounces)
+        alive = within & met
+        if not any_of(alive):
+            continue
+        triangle, instance = load(batch.hit_words, TRIANGLE, i), int32(load(batch.hit_words, INSTANCE, i))
+        hit = Hit(to_index(triangle), instance, load(batch.hits, U, i), load(batch.hits, V, i))
+        surface = find_surface(f, tables.geometry, hit, negate(ray.wi))
+        found, own = emitted(f, tables, ray, surface[0], surface[3], surface[4])
+        shines = alive & no(is_black(found))
+        if any_of(shines):
+            add_at_3(batch.samples, LIGHT, place, mul(light.throughput, found), shines)
+        alive = alive & reflects(tables.geometry, surface[3])
+        if last or not any_of(alive):
+            continue
+        vertex = make_vertex(f, tables.geometry, surface, ray, own)
+        numbers = Numbers(load(words, KEY, i), load(words, ORDER, i), dimension)
+        if samples_lights(f):
+            shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows)
+        if goes_on:
+            live += _go_on(f, tables, batch, vertex, numbers, light, place, alive, live, counters, bounces)
+    return live, shadows
+
+
+@device
+def _add_escaped(f, tables, batch, ray, light, place, missed, bounces):
+    """To the samples of rays that met nothing: the light of what lies behind everything."""
+    if f.transparent_film and bounces == 0:
+        add_at(batch.samples, ALPHA, place, -ONE, missed)
+    if (f.world != DARK_WORLD or f.sun_disks) and any_of(missed):
+        black = select(missed, BLACK, BLACK)  # in all lanes
+        found = escaped(f, tables, ray, Light(black, light.throughput, light.limit))
+        add_at_3(batch.samples, LIGHT, place, found.radiance, missed)
+
+
+@device
+def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_column):
+    """Draw a light sample for each vertex, and queue its shadow ray from that column on. Returns how many."""
+    sample, found = unshadowed_light(f, tables, vertex, numbers)
+    arrives, brings = alive & no(is_black(found)), mul(light.throughput, found)
+    sends = arrives & sample.shadowed & (sample.pdf > ZERO)
+    at_once = arrives & no(sends)  # light that nothing shadows, and of a density that is no number
+    if any_of(at_once):
+        add_at_3(batch.samples, LIGHT, place, brings, at_once)
+    direction, t_far = shadow_segment(vertex, sample)
+    pack(batch.shadow_words, TO, at_column, place, sends)
+    pack_3(batch.shadows, FROM, at_column, vertex.start, sends)
+    pack_3(batch.shadows, DIRECTION, at_column, direction, sends)
+    pack(batch.shadows, END, at_column, t_far, sends)
+    pack_3(batch.shadows, BRINGS, at_column, brings, sends)
+    return count(sends)
+
+
+@device
+def _go_on(f, tables, batch, vertex, numbers, light, place, alive, at_column, counters, bounces):
+    """Draw a new ray for each vertex, and write the paths that go on from that column on. Returns how many."""
+    paths, words = batch.paths, batch.path_words
+    ray, value, _ = scatter(f, tables, counters, vertex, numbers, np.uint32(0))
+    failed = alive & no(ray.pdf > ZERO)
+    if any_of(failed):
+        add_at_3(batch.samples, LIGHT, place, mul(light.throughput, without_density(ray.pdf)), failed)
+    alive = alive & (ray.pdf > ZERO)
+    throughput = mul(light.throughput, scale(value, dot(vertex.n, ray.wi) / ray.pdf))
+    if bounces > 0:
+        survival = min(ONE, math.sqrt(ROULETTE_KEEP * max_component(throughput)))
+        u = sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + ROULETTE)
+        alive = alive & no(u >= survival)
+        throughput = scale(throughput, ONE / survival)
+    pack(words, KEY, at_column, numbers.key, alive)
+    pack(words, ORDER, at_column, numbers.order, alive)
+    pack(words, PLACE, at_column, place, alive)
+    pack_3(paths, THROUGHPUT, at_column, throughput, alive)
+    pack_3(paths, P, at_column, vertex.p, alive)
+    pack_3(paths, N, at_column, vertex.n, alive)
+    pack_3(paths, WI, at_column, ray.wi, alive)
+    pack(paths, PDF, at_column, ray.pdf, alive)
+    pack_3(paths, START, at_column, vertex.start, alive)
+    store(paths, T_NEAR, at_column, ZERO)
+    store(paths, T_FAR, at_column, FAR)
+    return count(alive)
+
+
+def make_staged_kernel(features: Features):
+    """As `path.make_path_kernel`, for features that `covers` says yes to; `memory` is that of `batch.new_batch`."""
+
+    @kernel
+    def render_tile(
+        tables, limits, memory, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, counters,
+        halt,
+    ):  # fmt: skip
+        """See `path.make_path_kernel`. halt[0] is asked at every vertex; what the batch has gathered is then lost."""
+        batch, rays = batch_of(memory), 0
+        x, y, done = tile[0], tile[1], 0
+        while True:
+            n, x, y, done = _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y, done)
+            if n == 0 or halt[0]:
+                return rays
+            _start_paths(features, tables, batch, n, seed)
+            rays += _follow_paths(features, tables, limits, batch, n, counters, halt)
+            if halt[0]:
+                return rays
+            _to_film(batch, n, origin, sums, samples, half, active, counters)
+
+    return render_tile
