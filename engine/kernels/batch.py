@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .embree import PACKET_ROWS, init_packet, new_ray
+from .embree import PACKET_ROWS, aligned_memory, init_ray, ray_words
 from .jit import device
 from .records import RayMemory
-from .simd import WIDTH, add_at, at, compress, load, store
+from .simd import WIDTH, add_at, at, compress, load, put_at, store
 
 BATCH = 1024
 COLUMNS = BATCH + WIDTH
@@ -60,12 +60,9 @@ class Batch(NamedTuple):
 
 
 def new_batch(lamp_count: int) -> np.ndarray:
-    """float32, aligned to the 64 bytes of a vector: a thread's memory, in a scene where rays may meet so many lamps."""
-    ray = new_ray(lamp_count)
-    raw = np.zeros(_ENDS[-1] + len(ray) + 16, np.float32)
-    start = (-raw.ctypes.data) % 64 // 4
-    memory = raw[start : start + _ENDS[-1] + len(ray)]
-    init_packet(memory[_ENDS[-2] : _ENDS[-1]].reshape(PACKET_ROWS, WIDTH))
+    """A thread's memory, in a scene where rays may meet so many lamps."""
+    memory = aligned_memory(_ENDS[-1] + ray_words(lamp_count, WIDTH))
+    init_ray(memory[_ENDS[-1] :], lamp_count)
     return memory
 
 
@@ -120,3 +117,10 @@ def add_at_3(rows, row, place, v, mask):
     add_at(rows, row, place, v[0], mask)
     add_at(rows, row + 1, place, v[1], mask)
     add_at(rows, row + 2, place, v[2], mask)
+
+
+@device
+def put_at_3(rows, row, place, v, mask):
+    put_at(rows, (row, place), v[0], mask)
+    put_at(rows, (row + 1, place), v[1], mask)
+    put_at(rows, (row + 2, place), v[2], mask)

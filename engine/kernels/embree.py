@@ -45,43 +45,50 @@ _rtcOccluded16 = types.ExternalFunction("rtcOccluded16", _FOUR_POINTERS)
 
 # RTCRayHit as float32 words (origin, tnear, direction, time, tfar, then as uint32 mask, id and flags; the hit).
 TNEAR, TFAR = 3, 8
-NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID = 12, 15, 16, 17, 18, 19, 20
-RAY_WORDS = 24
-# A packet, RTCRayHit16, has a row of sixteen for each of those words. Behind it a row for the mask of the rays that
-# count, and one for the RTCIntersectArguments that tell Embree that they start and go alike.
-VALID_ROW, ARGUMENTS_ROW, PACKET_ROWS = 22, 23, 24
-_COHERENT = 1 << 16  # RTC_RAY_QUERY_FLAG_COHERENT
-# Behind a single ray, for rays that note lamps, first the RTCIntersectArguments: flags, features, the context's address
-# as two words, two callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the lamps.
-_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, LAMP_COUNT, _LAMP_ROOM, NOTED_LAMPS = 24, 25, 26, 34, 36, 37, 38
+NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID, RAY_ROWS = 12, 15, 16, 17, 18, 19, 20, 21
+# A packet, RTCRayHit16, has a row of sixteen for each of those words, and behind them one for what marks the rays that
+# count.
+ID_ROW, VALID_ROW, PACKET_ROWS = 10, 22, 24
+# Behind a single ray first the RTCIntersectArguments: flags, features, the context's address as two words, two
+# callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the room for lamps that a ray
+# passes, and for each ray of a packet how many it has passed, and the lamps.
+_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, _LAMP_ROOM, LAMP_COUNT, NOTED_LAMPS = 24, 25, 26, 34, 36, 37, 38
+_ALIKE = np.uint32(1 << 16)  # RTC_RAY_QUERY_FLAG_COHERENT
 # Words of a lamp that was noted. LEAVES is 1 where the ray goes out of a sphere, else 0.
 NOTED_GEOM, NOTED_PRIM, NOTED_T, NOTED_LEAVES, NOTED_WORDS = 0, 1, 2, 3, 4
 NOTES_OF_A_LAMP = 2  # at most: the two ends of a sphere, the two triangles of a quad
 _ALL_FEATURES = 0xFFFFFFFF
 INVALID = np.uint32(0xFFFFFFFF)
 _EXPONENT_BITS = np.int32(0x7F800000)
+_MANY = 1 << 30  # of an array that is handed over without its size
 
 
-def new_ray(lamp_count: int = 0) -> np.ndarray:
-    """Scratch for one thread's rays, in a scene where they may meet so many lamps: float32, aligned to 16 bytes as
-    Embree demands."""
-    room = NOTES_OF_A_LAMP * lamp_count
-    size = NOTED_LAMPS + room * NOTED_WORDS
-    raw = np.zeros(size + 4, np.float32)
-    start = (-raw.ctypes.data) % 16 // 4
-    ray = raw[start : start + size]
+def ray_words(lamp_count: int, rays: int = 1) -> int:
+    """The size of the memory for one ray, in a scene where so many rays at a time may meet so many lamps."""
+    return LAMP_COUNT + rays * (1 + NOTES_OF_A_LAMP * lamp_count * NOTED_WORDS)
+
+
+def init_ray(ray: np.ndarray, lamp_count: int) -> None:
+    """Set up that memory: float32, zero, aligned to 16 bytes as Embree demands. From now on it stays where it is."""
     bits = ray.view(np.uint32)
     bits[_FEATURES] = _ALL_FEATURES
     bits[_CONTEXT : _CONTEXT + 2] = INVALID
     bits[_CONTEXT_ADDRESS : _CONTEXT_ADDRESS + 2].view(np.uint64)[0] = ray.ctypes.data + 4 * _CONTEXT
-    bits[_LAMP_ROOM] = room
+    bits[_LAMP_ROOM] = NOTES_OF_A_LAMP * lamp_count
+
+
+def aligned_memory(size: int) -> np.ndarray:
+    """(size,) float32 zeros, aligned to the 64 bytes that vectors are loaded by."""
+    raw = np.zeros(size + 16, np.float32)
+    start = (-raw.ctypes.data) % 64 // 4
+    return raw[start : start + size]
+
+
+def new_ray(lamp_count: int = 0) -> np.ndarray:
+    """Memory for one thread's rays, one at a time, in a scene where they may meet so many lamps."""
+    ray = aligned_memory(ray_words(lamp_count))
+    init_ray(ray, lamp_count)
     return ray
-
-
-def init_packet(packet: np.ndarray) -> None:
-    """What of a packet's memory (PACKET_ROWS, 16), aligned to 64 bytes, stays as it is."""
-    arguments = packet[ARGUMENTS_ROW].view(np.uint32)
-    arguments[0], arguments[1] = _COHERENT, _ALL_FEATURES
 
 
 @intrinsic
@@ -143,51 +150,91 @@ def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, 
     return words[GEOM_ID] != INVALID
 
 
+@device
+def _note_lamp(notes, room, ray, hit, n, lane):
+    """Write down that ray `lane` of n passes a lamp. notes: of all rays, from the first one's count on."""
+    own = np.int64(bits_of(ray[ID_ROW * n + lane])) * (1 + np.int64(room) * NOTED_WORDS)
+    count = notes[own]
+    if count >= room:
+        return
+    place = own + 1 + np.int64(count) * NOTED_WORDS
+    notes[place + NOTED_GEOM] = np.uint32(bits_of(hit[(GEOM_ID - NORMAL) * n + lane]))
+    notes[place + NOTED_PRIM] = np.uint32(bits_of(hit[(PRIM_ID - NORMAL) * n + lane]))
+    notes[place + NOTED_T] = np.uint32(bits_of(ray[TFAR * n + lane]))
+    outwards = ray[4 * n + lane] * hit[lane] + ray[5 * n + lane] * hit[n + lane] + ray[6 * n + lane] * hit[2 * n + lane]
+    notes[place + NOTED_LEAVES] = np.uint32(outwards > np.float32(0))
+    notes[own] = count + np.uint32(1)
+
+
+@device
+def note_words(ray):
+    """How many words lie between the LAMP_COUNT of one ray and that of the next."""
+    return 1 + np.int64(ray.words[_LAMP_ROOM]) * NOTED_WORDS
+
+
 @cache
 def lamp_filter():
-    """What Embree asks about each lamp that a ray meets: an RTCFilterFunctionN, for one ray, that lets no ray end."""
+    """What Embree asks about each lamp that rays meet: an RTCFilterFunctionN that lets no ray end."""
 
     @callback("void(voidptr)")
     def note(pointer):
-        arguments = carray(pointer, 5, np.uintp)  # valid, user pointer, context, ray, hit
-        head = carray(_pointer(arguments[2]), NOTED_LAMPS - _CONTEXT, np.uint32)
-        count, room = head[LAMP_COUNT - _CONTEXT], head[_LAMP_ROOM - _CONTEXT]
-        carray(_pointer(arguments[0]), 1, np.int32)[0] = 0
-        if count >= room:
-            return
-        ray = carray(_pointer(arguments[3]), RAY_WORDS, np.float32)
-        normal = carray(_pointer(arguments[4]), 3, np.float32)
-        hit = carray(_pointer(arguments[4]), RAY_WORDS - NORMAL, np.uint32)
-        offset = np.uintp(4 * (NOTED_LAMPS - _CONTEXT + np.int64(count) * NOTED_WORDS))
-        place = carray(_pointer(arguments[2] + offset), NOTED_WORDS, np.uint32)
-        place[NOTED_GEOM] = hit[GEOM_ID - NORMAL]
-        place[NOTED_PRIM] = hit[PRIM_ID - NORMAL]
-        place[NOTED_T] = np.uint32(bits_of(ray[TFAR]))
-        outwards = ray[4] * normal[0] + ray[5] * normal[1] + ray[6] * normal[2] > np.float32(0)
-        place[NOTED_LEAVES] = np.uint32(outwards)
-        head[LAMP_COUNT - _CONTEXT] = count + np.uint32(1)
+        arguments = carray(pointer, 6, np.uintp)  # valid, user pointer, context, rays, hits, how many
+        n = np.int64(np.uint32(arguments[5]))
+        valid, room = carray(_pointer(arguments[0]), n, np.int32), carray(_pointer(arguments[2]), 3, np.uint32)[2]
+        notes = carray(_pointer(arguments[2] + np.uintp(4 * (LAMP_COUNT - _CONTEXT))), _MANY, np.uint32)
+        rays = carray(_pointer(arguments[3]), _MANY, np.float32)
+        hits = carray(_pointer(arguments[4]), _MANY, np.float32)
+        for lane in range(n):
+            if valid[lane]:
+                valid[lane] = 0
+                _note_lamp(notes, room, rays, hits, n, lane)
 
     return note
 
 
 @device
-def intersect_packet(scene, packet, words, coherent):
-    """As `intersect`, for the rays of a packet that are marked in VALID_ROW. The caller has set all other rows."""
+def intersect_packet(scene, packet, words, ray, alike):
+    """Find the closest hits of the rays of a packet (`words` is its uint32 view) that are marked in VALID_ROW, and note
+    lamps in `ray`, a `RayMemory`. The caller has set the rows. alike: the rays start and go alike."""
+    ray.words[_ARGUMENTS] = _ALIKE if alike else np.uint32(0)
     address = np.uintp(packet.ctypes.data)
-    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(address + np.uintp(64 * ARGUMENTS_ROW))
-    _rtcIntersect16(
-        _pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments if coherent else np.uintp(0))
-    )
+    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS)
+    _rtcIntersect16(_pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments))
 
 
 @device
-def occluded_packet(scene, packet, words, coherent):
-    """As `occluded`: of rays that something blocks, TFAR is then below 0."""
+def intersect_one_by_one(scene, packet, words, ray):
+    """As `intersect_packet`, by single rays."""
+    ray.words[_ARGUMENTS] = np.uint32(0)
+    address = np.uintp(ray.words.ctypes.data)
+    for lane in range(packet.shape[1]):
+        if words[VALID_ROW, lane]:
+            for row in range(RAY_ROWS):
+                ray.words[row] = words[row, lane]
+            _rtcIntersect1(_pointer(scene), _pointer(address), _pointer(np.uintp(address + np.uintp(4 * _ARGUMENTS))))
+            for row in range(TFAR, RAY_ROWS):
+                words[row, lane] = ray.words[row]
+
+
+@device
+def occluded_packet(scene, packet, words, ray, alike):
+    """As `intersect_packet`: of rays that something blocks, TFAR is then below 0."""
+    ray.words[_ARGUMENTS] = _ALIKE if alike else np.uint32(0)
     address = np.uintp(packet.ctypes.data)
-    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(address + np.uintp(64 * ARGUMENTS_ROW))
-    _rtcOccluded16(
-        _pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments if coherent else np.uintp(0))
-    )
+    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS)
+    _rtcOccluded16(_pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments))
+
+
+@device
+def occluded_one_by_one(scene, packet, words, ray):
+    """As `occluded_packet`, by single rays."""
+    address = np.uintp(ray.words.ctypes.data)
+    for lane in range(packet.shape[1]):
+        if words[VALID_ROW, lane]:
+            for row in range(NORMAL):
+                ray.words[row] = words[row, lane]
+            _rtcOccluded1(_pointer(scene), _pointer(address), _pointer(np.uintp(0)))
+            words[TFAR, lane] = ray.words[TFAR]
 
 
 @device

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..features import DARK_WORLD, DISK, IMAGE_WORLD
@@ -15,7 +17,6 @@ from .embree import (
     NOTED_T,
     NOTED_WORDS,
     TFAR,
-    TNEAR,
     intersect,
     intersect_noting_lamps,
 )
@@ -35,7 +36,7 @@ from .light.groups import Shares, group_shares
 from .light.point import disk_distance, inside_lamp
 from .mis import met_light_weight
 from .records import MAX_TRANSPARENT, Light, Ray, Stretch, dimmed, gather, material_color
-from .simd import any_of, at, int32, no, select, to_index, uint32
+from .simd import any_of, at, int32, no, put_at, select, to_index, uint32
 from .tables import CAMERA_RAY, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
 
 
@@ -45,10 +46,16 @@ def follow(f, tables, memory, ray, stretch, light):
     suns and the world if there is none.
 
     Returns (whether a surface was met, which is then in `memory`, `light`)."""
-    scene, floats, words, mask = tables.geometry.accel[0], memory.floats, memory.words, _reach(f, ray)
+    scene, floats, words, mask = (
+        tables.geometry.accel[0],
+        memory.floats,
+        memory.words,
+        reach(f, ray.kind, ray.as_shadow),
+    )
     if f.lamp_shapes:
         met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
-        light = _gather_lamps(f, tables, memory, ray, stretch.start, light)
+        notes = Notes(words, floats, np.int64(NOTED_LAMPS), words[LAMP_COUNT], stretch.t_near, floats[TFAR])
+        light = gather_lamps(f, tables, notes, ray, stretch.start, light)
     else:
         met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
     if not met:
@@ -110,12 +117,12 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
 
 
 @device
-def _reach(f, ray):
-    """Embree's mask of what the ray meets. Lamps are left out where light sampling, or the ray that sees as shadow
+def reach(f, kind, as_shadow):
+    """Embree's mask of what a ray meets. Lamps are left out where light sampling, or the ray that sees as shadow
     rays do, finds all of their light."""
-    mask = SHADOW_RAY if ray.as_shadow else ray.kind
-    if f.lamp_shapes and (f.shared_light or ray.as_shadow or ray.kind == CAMERA_RAY):
-        mask = np.uint32(mask | ray.kind << np.uint32(LAMP_SHIFT))
+    mask = SHADOW_RAY if as_shadow else kind
+    if f.lamp_shapes and (f.shared_light or as_shadow or kind == CAMERA_RAY):
+        mask = np.uint32(mask | kind << np.uint32(LAMP_SHIFT))
     return mask
 
 
@@ -143,70 +150,89 @@ def _lights_kind(lights, own, kind):
     return (own >= np.int32(0)) & (uint32(at(lights.emitter_mask, i)) & kind != np.uint32(0))
 
 
+class Notes(NamedTuple):
+    """The lamps that Embree has noted on a ray's way from `t_near` to its hit at `t_hit`.
+
+    words, floats  where they are, as uint32 and as float32; `first` is the place of the first, and their `count`
+    """
+
+    words: np.ndarray
+    floats: np.ndarray
+    first: np.int64
+    count: np.uint32
+    t_near: np.float32
+    t_hit: np.float32
+
+
 @device
-def _gather_lamps(f, tables, memory, ray, start, light):
+def gather_lamps(f, tables, notes, ray, start, light):
     """`light` with that of the lamps that were noted on the ray's way from `start` to its hit."""
-    words = memory.words
-    for i in range(words[LAMP_COUNT]):
-        place = NOTED_LAMPS + i * NOTED_WORDS
-        lamp = _noted_lamp(tables, words, place)
-        if not _counts(f, tables, memory, place, lamp, ray, start):
-            words[place + NOTED_PRIM] = INVALID
-            continue
-        words[place + NOTED_PRIM] = np.uint32(lamp)
-        if not _noted_before(words, place):
-            light = gather(f, light, _met_lamp(f, tables, memory, ray, lamp, start, place))
+    i = 0
+    while any_of(i < notes.count):
+        noted = i < notes.count
+        place = notes.first + i * NOTED_WORDS
+        lamp, is_quad = _noted_lamp(tables, notes, place, noted)
+        counts = noted & _counts(f, tables, notes, place, lamp, is_quad, ray, start)
+        put_at(notes.words, place + NOTED_PRIM, select(counts, uint32(lamp), INVALID), noted)
+        counts = counts & no(_noted_before(notes, i))
+        if any_of(counts):
+            found = gather(f, light, _met_lamp(f, tables, notes, ray, lamp, start, place))
+            light = Light(select(counts, found.radiance, light.radiance), light.throughput, light.limit)
+        i += 1
     return light
 
 
 @device
-def _noted_lamp(tables, words, place):
-    """The lamp whose shape was met."""
+def _noted_lamp(tables, notes, place, noted):
+    """(the lamp whose shape was met, whether that is a quad). Where nothing is noted: any lamp."""
     geometry, lights = tables.geometry, tables.lights
-    shape, prim = words[place + NOTED_GEOM], np.int64(words[place + NOTED_PRIM])
-    base = np.int64(geometry.base[shape])
-    if geometry.kind[shape] == LAMP_QUADS:
-        return lights.lamp_of_quad[base + prim // 2]
-    return lights.lamp_of_sphere[base + prim]
+    shape = to_index(select(noted, at(notes.words, place + NOTED_GEOM), np.uint32(0)))
+    prim = int32(at(notes.words, place + NOTED_PRIM))
+    base, lamp = at(geometry.base, shape), np.int32(0)
+    is_quad = at(geometry.kind, shape) == np.int32(LAMP_QUADS)
+    quad = noted & is_quad
+    if any_of(quad):
+        lamp = at(lights.lamp_of_quad, to_index(select(quad, int32(base + (prim >> np.int32(1))), np.int32(0))))
+    sphere = noted & no(is_quad)
+    if any_of(sphere):
+        met = at(lights.lamp_of_sphere, to_index(select(sphere, int32(base + prim), np.int32(0))))
+        lamp = select(sphere, met, lamp)
+    return to_index(lamp), is_quad
 
 
 @device
-def _counts(f, tables, memory, place, lamp, ray, start):
+def _counts(f, tables, notes, place, lamp, is_quad, ray, start):
     """Whether the ray meets the lamp there, on its way from `start` to its hit."""
-    geometry, lights = tables.geometry, tables.lights
-    t, t_hit = memory.floats[place + NOTED_T], memory.floats[TFAR]
-    if f.lamp_kinds & DISK and lights.lamp_kind[lamp] & DISK:
-        # Embree has no disk that turns towards a point, so the sphere around it was met, on either side of the disk.
-        t = disk_distance(lights.lamps, lamp, ray.p, ray.wi) - length(sub(start, ray.p))
-        return memory.floats[TNEAR] < t and t <= t_hit
-    if geometry.kind[memory.words[place + NOTED_GEOM]] == LAMP_QUADS:
-        return t <= t_hit
+    lights, t = tables.lights, at(notes.floats, place + NOTED_T)
     # Rays meet a sphere twice: the first time counts, or for those from within the second.
-    leaves = memory.words[place + NOTED_LEAVES] != 0
-    return t <= t_hit and leaves == inside_lamp(lights.lamps, lamp, ray.p)
+    leaves = at(notes.words, place + NOTED_LEAVES) != np.uint32(0)
+    counts = is_quad | (leaves == inside_lamp(lights.lamps, lamp, ray.p))
+    if f.lamp_kinds & DISK:
+        # Embree has no disk that turns towards a point, so the sphere around it was met, on either side of the disk.
+        is_disk = at(lights.lamp_kind, lamp) & np.int32(DISK) != np.int32(0)
+        t_disk = disk_distance(lights.lamps, lamp, ray.p, ray.wi) - length(sub(start, ray.p))
+        t, counts = select(is_disk, t_disk, t), select(is_disk, notes.t_near < t_disk, counts)
+    return counts & (t <= notes.t_hit)
 
 
 @device
-def _noted_before(words, place):
+def _noted_before(notes, i):
     """A lamp may be met twice: both triangles of a quad at its diagonal, both ends of the sphere around a disk. The
     lamps that count, which have taken the primitives' places, are compared."""
-    for other in range(NOTED_LAMPS, place, NOTED_WORDS):
-        if words[other + NOTED_PRIM] == words[place + NOTED_PRIM]:
-            return True
-    return False
+    own, before = at(notes.words, notes.first + i * NOTED_WORDS + NOTED_PRIM), i < np.uint32(0)
+    for other in range(i):
+        before = before | (at(notes.words, notes.first + other * NOTED_WORDS + NOTED_PRIM) == own)
+    return before
 
 
 @device
-def _met_lamp(f, tables, memory, ray, lamp, start, place):
+def _met_lamp(f, tables, notes, ray, lamp, start, place):
     """Radiance, MIS weight included, of the lamp noted at `place` by a ray on its way from `start`."""
     lights, p, wi = tables.lights, ray.p, ray.wi
-    scattered = ray.pdf > ZERO
-    if scattered and not found_by_rays(f, lights, lamp, p):
-        return BLACK
-    distance = length(sub(p, add_scaled(start, wi, memory.floats[place + NOTED_T])))
+    distance = length(sub(p, add_scaled(start, wi, at(notes.floats, place + NOTED_T))))
     radiance, pdf = lamp_seen(f, lights, lamp, p, ray.n, wi, distance)
-    if is_black(radiance):
-        return BLACK
-    if scattered:
-        pdf *= local_probability(f, lights, tables.tree, lamp, p, ray.n)
-    return scale(radiance, met_light_weight(f, ray, pdf))
+    scattered = ray.pdf > ZERO
+    if any_of(scattered):
+        radiance = select(scattered & no(found_by_rays(f, lights, lamp, p)), BLACK, radiance)
+        pdf = select(scattered, pdf * local_probability(f, lights, tables.tree, lamp, p, ray.n), pdf)
+    return select(is_black(radiance), BLACK, scale(radiance, met_light_weight(f, ray, pdf)))

@@ -16,74 +16,88 @@ from .batch import (
     INSTANCE,
     LIGHT,
     MET,
+    PDF,
+    PLACE,
     START,
     T_FAR,
     T_NEAR,
+    THROUGHPUT,
     TO,
     TRIANGLE,
     WI,
+    N,
+    P,
     U,
     V,
     add_at_3,
     at_3,
     load_3,
+    put_at_3,
     store_3,
 )
 from .embree import (
     GEOM_ID,
+    ID_ROW,
     INST_ID,
     INST_PRIM_ID,
     INVALID,
+    LAMP_COUNT,
     PRIM_ID,
     TFAR,
     TNEAR,
     VALID_ROW,
-    intersect,
+    intersect_one_by_one,
     intersect_packet,
-    occluded,
+    note_words,
+    occluded_one_by_one,
     occluded_packet,
 )
 from .embree import U as U_WORD
 from .embree import V as V_WORD
-from .geom.surface import hit_of
 from .geom.vec import ZERO
 from .jit import AS_WRITTEN, device
-from .simd import WIDTH, any_of, at, first_lanes, load, select, store, to_index, uint32
+from .met import Notes, gather_lamps, reach
+from .records import Light, Ray
+from .simd import WIDTH, any_of, at, first_lanes, lanes, load, select, store, to_index, uint32
 from .tables import INSTANCED_MESH, SHADOW_RAY
 
-_DIRECTION_WORD, _TIME, _MASK, _ID, _FLAGS = 4, 7, 9, 10, 11
+_DIRECTION_WORD, _TIME, _MASK, _FLAGS = 4, 7, 9, 11
 _YES, _NO, _NOWHERE = np.uint32(0xFFFFFFFF), np.uint32(0), np.uint32(0xFFFFFFFF)
 
 
 @device
-def packets_pay(f, coherent):
+def packets_pay(f, alike):
     """Whether to trace packets. Their hits may differ from those of single rays by a rounding."""
-    return not AS_WRITTEN and (coherent or not f.instances)
+    return not AS_WRITTEN and (alike or not f.instances)
 
 
 @device
-def trace_all(f, tables, batch, n, mask, coherent):
-    """Find the hits of the first n paths' rays."""
-    if packets_pay(f, coherent):
-        for i in range(0, n, WIDTH):
-            _trace_packet(f, tables.geometry, batch, i, n, mask, coherent)
-    else:
-        for i in range(n):
-            _trace_one(f, tables.geometry, batch, i, mask)
+def trace_all(f, tables, batch, n, kind, alike):
+    """Find the hits of the first n paths' rays, and add the light of the lamps before them to the samples."""
+    geometry, paths, packet, words = tables.geometry, batch.paths, batch.packet, batch.packet_words
+    for i in range(0, n, WIDTH):
+        _set_packet(batch, i, n, load_3(paths, START, i), load_3(paths, WI, i), reach(f, kind, False))
+        store(packet, TNEAR, 0, load(paths, T_NEAR, i))
+        store(packet, TFAR, 0, load(paths, T_FAR, i))
+        store(words, GEOM_ID, 0, INVALID)
+        store(words, INST_ID, 0, INVALID)
+        if f.lamp_shapes:
+            _forget_lamps(batch.ray)
+        if packets_pay(f, alike):
+            intersect_packet(geometry.accel[0], packet, words, batch.ray, alike)
+        else:
+            intersect_one_by_one(geometry.accel[0], packet, words, batch.ray)
+        _keep_hits(f, geometry, batch, i, n)
+        if f.lamp_shapes:
+            _add_lamps(f, tables, batch, i, n, kind)
 
 
 @device
-def _trace_packet(f, geometry, batch, i, n, mask, coherent):
-    packet, words = batch.packet, batch.packet_words
-    _set_packet(batch, i, n, load_3(batch.paths, START, i), load_3(batch.paths, WI, i), mask)
-    store(packet, TNEAR, 0, load(batch.paths, T_NEAR, i))
-    store(packet, TFAR, 0, load(batch.paths, T_FAR, i))
-    store(words, GEOM_ID, 0, INVALID)
-    store(words, INST_ID, 0, INVALID)
-    intersect_packet(geometry.accel[0], packet, words, coherent)
-    outer, instance = load(words, GEOM_ID, 0), _NOWHERE
+def _keep_hits(f, geometry, batch, i, n):
+    """The packet's hits as those of paths i.. of n. Where there is none, the triangle is the first one."""
+    words, rows = batch.packet_words, batch.hit_words
+    outer, triangle, instance = load(words, GEOM_ID, 0), np.uint32(0), _NOWHERE
     met = (outer != INVALID) & first_lanes(n - i)
-    triangle = uint32(outer ^ outer)
     if any_of(met):
         if f.instances:
             inner = load(words, INST_ID, 0)
@@ -94,11 +108,35 @@ def _trace_packet(f, geometry, batch, i, n, mask, coherent):
             row = uint32(at(geometry.instance_base, outer)) + load(words, INST_PRIM_ID, 0)
             placed = met & (at(geometry.kind, outer) == np.int32(INSTANCED_MESH))
             instance = select(placed, row, _NOWHERE)
-    store(batch.hit_words, MET, i, select(met, _YES, _NO))
-    store(batch.hit_words, TRIANGLE, i, triangle)
-    store(batch.hit_words, INSTANCE, i, instance)
-    store(batch.hits, U, i, load(packet, U_WORD, 0))
-    store(batch.hits, V, i, load(packet, V_WORD, 0))
+    store(rows, MET, i, select(met, _YES, _NO))
+    store(rows, TRIANGLE, i, triangle)
+    store(rows, INSTANCE, i, instance)
+    store(rows, U, i, load(words, U_WORD, 0))
+    store(rows, V, i, load(words, V_WORD, 0))
+
+
+@device
+def _forget_lamps(ray):
+    """Empty the notes of all rays of a packet."""
+    for lane in range(WIDTH):
+        ray.words[LAMP_COUNT + lane * note_words(ray)] = np.uint32(0)
+
+
+@device
+def _add_lamps(f, tables, batch, i, n, kind):
+    """Add the light of the lamps that paths i.. of n have passed to their samples."""
+    paths, notes_of, within = batch.paths, batch.ray, first_lanes(n - i)
+    counts = lanes() * np.uint32(note_words(notes_of)) + np.uint32(LAMP_COUNT)
+    count = select(within, at(notes_of.words, counts), np.uint32(0))
+    if not any_of(count > np.uint32(0)):
+        return
+    t_near, t_hit = load(paths, T_NEAR, i), load(batch.packet, TFAR, 0)
+    notes = Notes(notes_of.words, notes_of.floats, counts + np.uint32(1), count, t_near, t_hit)
+    ray = Ray(load_3(paths, P, i), load_3(paths, N, i), load_3(paths, WI, i), kind, load(paths, PDF, i), False)
+    place = to_index(select(within, load(batch.path_words, PLACE, i), np.uint32(0)))
+    light = Light(at_3(batch.samples, LIGHT, place), load_3(paths, THROUGHPUT, i), ZERO)
+    light = gather_lamps(f, tables, notes, ray, load_3(paths, START, i), light)
+    put_at_3(batch.samples, LIGHT, place, light.radiance, within)
 
 
 @device
@@ -110,45 +148,22 @@ def _set_packet(batch, i, n, start, direction, mask):
     store_3(packet, _DIRECTION_WORD, 0, direction)
     store(packet, _TIME, 0, ZERO)
     store(words, _MASK, 0, mask)
-    store(words, _ID, 0, np.uint32(0))
+    store(words, ID_ROW, 0, lanes())
     store(words, _FLAGS, 0, np.uint32(0))
 
 
 @device
-def _trace_one(f, geometry, batch, i, mask):
-    paths, hits, words, ray = batch.paths, batch.hits, batch.hit_words, batch.ray
-    start, wi = at_3(paths, START, i), at_3(paths, WI, i)
-    met = intersect(geometry.accel[0], ray.floats, ray.words, start, wi, paths[T_NEAR, i], paths[T_FAR, i], mask)
-    words[MET, i], words[TRIANGLE, i], words[INSTANCE, i] = _NO, np.uint32(0), _NOWHERE
-    if met:
-        hit = hit_of(f, geometry, ray.floats, ray.words)
-        words[MET, i], words[TRIANGLE, i], words[INSTANCE, i] = _YES, np.uint32(hit.triangle), np.uint32(hit.instance)
-        hits[U, i], hits[V, i] = hit.u, hit.v
-
-
-@device
-def occluded_all(f, tables, batch, n, coherent):
+def occluded_all(f, tables, batch, n, alike):
     """Trace n shadow rays, and add the light of those that nothing blocks to their samples."""
-    scene = tables.geometry.accel[0]
-    if packets_pay(f, coherent):
-        for i in range(0, n, WIDTH):
-            _set_packet(batch, i, n, load_3(batch.shadows, FROM, i), load_3(batch.shadows, DIRECTION, i), SHADOW_RAY)
-            store(batch.packet, TNEAR, 0, ZERO)
-            store(batch.packet, TFAR, 0, load(batch.shadows, END, i))
-            occluded_packet(scene, batch.packet, batch.packet_words, coherent)
-            arrives = (load(batch.packet, TFAR, 0) >= ZERO) & first_lanes(n - i)
-            place = to_index(load(batch.shadow_words, TO, i))
-            add_at_3(batch.samples, LIGHT, place, load_3(batch.shadows, BRINGS, i), arrives)
-    else:
-        for i in range(n):
-            _shadow_one(scene, batch, i)
-
-
-@device
-def _shadow_one(scene, batch, i):
-    s, ray = batch.shadows, batch.ray
-    start, direction = at_3(s, FROM, i), at_3(s, DIRECTION, i)
-    if not occluded(scene, ray.floats, ray.words, start, direction, ZERO, s[END, i], SHADOW_RAY):
-        place = np.int64(batch.shadow_words[TO, i])
-        for k in range(3):
-            batch.samples[LIGHT + k, place] += s[BRINGS + k, i]
+    scene, shadows, packet, words = tables.geometry.accel[0], batch.shadows, batch.packet, batch.packet_words
+    for i in range(0, n, WIDTH):
+        _set_packet(batch, i, n, load_3(shadows, FROM, i), load_3(shadows, DIRECTION, i), SHADOW_RAY)
+        store(packet, TNEAR, 0, ZERO)
+        store(packet, TFAR, 0, load(shadows, END, i))
+        if packets_pay(f, alike):
+            occluded_packet(scene, packet, words, batch.ray, alike)
+        else:
+            occluded_one_by_one(scene, packet, words, batch.ray)
+        arrives = (load(packet, TFAR, 0) >= ZERO) & first_lanes(n - i)
+        place = to_index(load(batch.shadow_words, TO, i))
+        add_at_3(batch.samples, LIGHT, place, load_3(shadows, BRINGS, i), arrives)

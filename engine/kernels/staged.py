@@ -43,10 +43,12 @@ from .batch import (
     X,
     Y,
     add_at_3,
+    at_3,
     batch_of,
     load_3,
     pack,
     pack_3,
+    put_at_3,
     store_3,
 )
 from .bsdf.diffuse import REJECTION
@@ -76,7 +78,7 @@ from .tables import CAMERA_RAY, DIFFUSE_RAY
 
 def covers(f: Features) -> bool:
     """Whether this kernel does all that a scene with these features needs."""
-    others = f.transparency or f.lamp_shapes or f.ray_kinds or f.clamp
+    others = f.transparency or f.ray_kinds or f.clamp
     return f.shared_light and not others and f.hemisphere != REJECTION
 
 
@@ -205,9 +207,8 @@ def _add_escaped(f, tables, batch, ray, light, place, missed, bounces):
     if f.transparent_film and bounces == 0:
         add_at(batch.samples, ALPHA, place, -ONE, missed)
     if (f.world != DARK_WORLD or f.sun_disks) and any_of(missed):
-        black = select(missed, BLACK, BLACK)  # in all lanes
-        found = escaped(f, tables, ray, Light(black, light.throughput, light.limit))
-        add_at_3(batch.samples, LIGHT, place, found.radiance, missed)
+        light = Light(at_3(batch.samples, LIGHT, place), light.throughput, light.limit)
+        put_at_3(batch.samples, LIGHT, place, escaped(f, tables, ray, light).radiance, missed)
 
 
 @device

@@ -20,7 +20,7 @@ from .arithmetic import (
     to_index,
     uint32,
 )
-from .memory import add_at, at, compress, first_lanes, load, row_at, store
+from .memory import add_at, at, compress, first_lanes, lanes, load, put_at, row_at, store
 from .types import WIDTH
 
 __all__ = [
@@ -37,8 +37,10 @@ __all__ = [
     "float_of",
     "floor",
     "int32",
+    "lanes",
     "load",
     "no",
+    "put_at",
     "row_at",
     "select",
     "store",

@@ -16,7 +16,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic
 
 from ..jit import FASTMATH
-from .types import F32, F64, I1, I32, I64, MASK, U32, WIDTH, FloatVector, IntVector, Vector, filled, widen
+from .types import F32, F64, I1, I32, I64, MASK, U32, WIDTH, FloatVector, IntVector, MaskVector, Vector, filled, widen
 
 _SCALARS = (types.Number, types.Boolean)
 
@@ -95,7 +95,7 @@ def _shift_right(builder, vector, a, b):
     return (builder.ashr if vector is I32 else builder.lshr)(a, b)
 
 
-_NUMBERS, _BITS = (FloatVector, IntVector), (IntVector, type(MASK))
+_NUMBERS, _BITS = (FloatVector, IntVector), (IntVector, MaskVector)
 for _names, _kinds, _build in (
     (("add", "iadd"), _NUMBERS, _by_kind("fadd", "add")),
     (("sub", "isub"), _NUMBERS, _by_kind("fsub", "sub")),
@@ -110,7 +110,7 @@ for _names, _kinds, _build in (
     for _name in _names:
         _binary(getattr(operator, _name), _kinds, _same, _build)
 for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
-    _binary(getattr(operator, _name), _NUMBERS, lambda vector: MASK, _comparison(_sign))
+    _binary(getattr(operator, _name), (*_NUMBERS, MaskVector), lambda vector: MASK, _comparison(_sign))
 _binary(min, _NUMBERS, _same, _smaller_or_larger("<"))
 _binary(max, _NUMBERS, _same, _smaller_or_larger(">"))
 _binary(

@@ -83,6 +83,12 @@ def first_lanes(typing_context, n):
 
 
 @intrinsic
+def lanes(typing_context):
+    """0, 1, 2, ..."""
+    return U32(), lambda context, builder, sig, args: ir.Constant(U32.llvm, list(range(WIDTH)))
+
+
+@intrinsic
 def compress(typing_context, value, mask):
     """The lanes of the mask moved to the front; what follows them is anything."""
 
@@ -103,6 +109,16 @@ def _steps(builder, array, ty):
             yield I64(1)
         else:
             yield builder.sdiv(builder.extract_value(array.strides, axis), I64(size))
+
+
+def _place(context, builder, ty, value, index_types, indices):
+    """A pointer to one of ty's elements."""
+    array, element = _array(context, builder, ty, value), context.get_value_type(ty.dtype)
+    place = builder.bitcast(array.data, ir.PointerType())
+    for step, index_type, index in zip(_steps(builder, array, ty), index_types, indices, strict=True):
+        offset = builder.mul(context.cast(builder, index, index_type, types.int64), step)
+        place = builder.gep(place, [offset], source_etype=element)
+    return place
 
 
 def _lane_places(context, builder, ty, value, index_types, indices):
@@ -146,12 +162,8 @@ def at(typing_context, array, *indices):
         if isinstance(sig.return_type, Vector):
             places = _lane_places(context, builder, ty, args[0], index_types, indices)
             return _gather(builder, sig.return_type, places, ir.Constant(MASK.llvm, [1] * WIDTH), ty.dtype.bitwidth)
-        array = _array(context, builder, ty, args[0])
-        base = builder.bitcast(array.data, ir.PointerType())
-        for step, index_type, index in zip(_steps(builder, array, ty), index_types, indices, strict=True):
-            offset = builder.mul(context.cast(builder, index, index_type, types.int64), step)
-            base = builder.gep(base, [offset], source_etype=context.get_value_type(ty.dtype))
-        return builder.load(base, typ=context.get_value_type(ty.dtype), align=ty.dtype.bitwidth // 8)
+        place = _place(context, builder, ty, args[0], index_types, indices)
+        return builder.load(place, typ=context.get_value_type(ty.dtype), align=ty.dtype.bitwidth // 8)
 
     return result(array, given), codegen
 
@@ -196,6 +208,38 @@ def row_at(typing_context, array, row):
     return result(array, row), codegen
 
 
+def _scatter(builder, vector, places, value, mask):
+    """As `_gather`."""
+    shape = ir.FunctionType(ir.VoidType(), [vector.llvm, places.type, I32_WORD, mask.type])
+    name = f"llvm.masked.scatter.{vector.suffix}.v{WIDTH}p0"
+    function = cgutils.get_or_insert_function(builder.module, shape, name)
+    builder.call(function, [value, places, I32_WORD(4), mask])
+
+
+@intrinsic
+def put_at(typing_context, array, place, value, mask):
+    """array[place] = value where the mask says so, of one number or in lanes whose places differ. Words of 4 bytes."""
+
+    def codegen(context, builder, sig, args):
+        ty, element = sig.args[0], sig.args[0].dtype
+        index_types, indices = [sig.args[1]], [args[1]]
+        if isinstance(sig.args[1], types.BaseTuple):
+            index_types = list(sig.args[1])
+            indices = [builder.extract_value(args[1], i) for i in range(ty.ndim)]
+        if any(isinstance(index, Vector) for index in index_types):
+            places, vector = _lane_places(context, builder, ty, args[0], index_types, indices), _VECTORS[element]
+            lanes_on = widen(context, builder, args[3], sig.args[3], MASK)
+            _scatter(builder, vector, places, widen(context, builder, args[2], sig.args[2], vector), lanes_on)
+            return context.get_dummy_value()
+        with builder.if_then(context.cast(builder, args[3], sig.args[3], types.boolean)):
+            value = context.cast(builder, args[2], sig.args[2], element)
+            place = _place(context, builder, ty, args[0], index_types, indices)
+            builder.store(value, builder.bitcast(place, value.type.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(array, place, value, mask), codegen
+
+
 @intrinsic
 def add_at(typing_context, array, row, index, value, mask):
     """array[row, index] += value in the lanes of the mask, whose indices all differ. float32."""
@@ -204,10 +248,7 @@ def add_at(typing_context, array, row, index, value, mask):
         places = _lane_places(context, builder, sig.args[0], args[0], sig.args[1:3], args[1:3])
         old = _gather(builder, F32, places, args[4], 32)
         value = widen(context, builder, args[3], sig.args[3], F32)
-        shape = ir.FunctionType(ir.VoidType(), [F32.llvm, places.type, I32_WORD, MASK.llvm])
-        name = f"llvm.masked.scatter.{F32.suffix}.v{WIDTH}p0"
-        scatter = cgutils.get_or_insert_function(builder.module, shape, name)
-        builder.call(scatter, [builder.fadd(old, value), places, I32_WORD(4), args[4]])
+        _scatter(builder, F32, places, builder.fadd(old, value), args[4])
         return context.get_dummy_value()
 
     return types.void(array, row, index, value, mask), codegen
