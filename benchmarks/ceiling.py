@@ -1,8 +1,9 @@
 """How near Lobe is to its ceiling: the time of a render beside that of its rays alone.
 
 Tracing is Embree's work, and sampling cannot be faster than it. So a render's rays are recorded, by standing in for
-the two functions of Embree that kernels call, and then replayed: the same rays in the same order through the same
-functions, with the same flags and the same filter for lamps, and nothing between them but copying the next ray.
+the functions of Embree that kernels call, and then replayed: the same rays in the same order, one by one, with the same
+filter for lamps, and nothing between them but copying the next ray. Packets, which kernels trace where they can, take
+less than their rays one by one.
 Render and replay are timed in turn, on the same number of threads. `tools/bench.py --ceiling` prints the table.
 """
 
@@ -30,6 +31,7 @@ from tools import metrics
 
 # A record: the words of Embree's RTCRay, then which call it went to.
 RAY_WORDS, CALL, RECORD_WORDS = 12, 12, 13
+ID, PACKET = 10, 16
 INTERSECT, INTERSECT_NOTING_LAMPS, OCCLUDED = 0, 1, 2
 MOST_RAYS = 1 << 24  # 870 MB
 SAMPLES = 16
@@ -104,9 +106,12 @@ def _instead_of_embree(records: np.ndarray, count: np.ndarray) -> Iterator[None]
     from bl_ext.user_default.lobe.engine import schedule
     from bl_ext.user_default.lobe.engine.kernels.embree import library
 
-    names = "rtcIntersect1", "rtcOccluded1"
+    names = "rtcIntersect1", "rtcOccluded1", "rtcIntersect16", "rtcOccluded16"
     real = {name: ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in names}
-    stand_in = {name: _recorder(name, real[name], records, count) for name in names}
+    stand_in = {
+        name: (_packet_recorder if name.endswith("16") else _recorder)(name, real[name], records, count)
+        for name in names
+    }
     try:
         for name in names:
             llvm.add_symbol(name, stand_in[name].address)
@@ -148,11 +153,41 @@ def _recorder(name: str, real_address: int, records: np.ndarray, count: np.ndarr
             kept = carray(_pointer(np.uintp(to_records + place * RECORD_WORDS * 4)), RECORD_WORDS, np.uint32)
             for i in range(RAY_WORDS):
                 kept[i] = words[i]
+            kept[ID] = 0
             if shadow:
                 kept[CALL] = OCCLUDED
             else:
                 kept[CALL] = INTERSECT if is_null(arguments) else INTERSECT_NOTING_LAMPS  # type: ignore[call-arg]
         real(scene, ray, arguments)
+
+    return note
+
+
+def _packet_recorder(name: str, real_address: int, records: np.ndarray, count: np.ndarray):
+    """As `_recorder`, for packets: their rays become single ones, in the order in which they lie there. They are
+    replayed so too: rays that come one by one are the ceiling, and packets a way past it."""
+    from bl_ext.user_default.lobe.engine.kernels.embree import _pointer
+
+    pointer_type = numba.types.voidptr
+    llvm.add_symbol(f"recorded_{name}", real_address)
+    real = numba.types.ExternalFunction(f"recorded_{name}", numba.void(*[pointer_type] * 4))
+    to_records, to_count, room = records.ctypes.data, count.ctypes.data, len(records)
+    call = OCCLUDED if name == "rtcOccluded16" else INTERSECT_NOTING_LAMPS
+
+    @numba.cfunc("void(voidptr, voidptr, voidptr, voidptr)")
+    def note(valid, scene, packet, arguments):
+        counter, marks = carray(_pointer(np.uintp(to_count)), 1, np.int64), carray(valid, PACKET, np.int32)
+        words = carray(packet, RAY_WORDS * PACKET, np.uint32)
+        for lane in range(PACKET):
+            if marks[lane]:
+                place = counter[0]
+                counter[0] += 1
+                if place < room:
+                    kept = carray(_pointer(np.uintp(to_records + place * RECORD_WORDS * 4)), RECORD_WORDS, np.uint32)
+                    for i in range(RAY_WORDS):
+                        kept[i] = words[i * PACKET + lane]
+                    kept[ID], kept[CALL] = 0, call
+        real(valid, scene, packet, arguments)
 
     return note
 

@@ -76,7 +76,8 @@ def emitted(f, tables, ray, p, material, triangle):
     own = select(shines, at(lights.triangle_emitter, triangle), nobody)
     pdf, sampled = ZERO, (own >= np.int32(0)) & (ray.pdf > ZERO)
     if any_of(sampled):
-        emitter = select(sampled, own, np.int32(len(lights.lamp_kind)))  # others take the first that there is
+        first = np.int32(len(lights.lamp_kind))  # of those that there are, for lanes that have met none
+        emitter = to_index(select(sampled, own, first))
         pdf = surface_seen_pdf(f, tables.geometry, lights, emitter, ray.p, ray.wi, length(sub(p, ray.p)))
         pdf = select(sampled, pdf * local_probability(f, lights, tables.tree, emitter, ray.p, ray.n), ZERO)
     weight = met_light_weight(f, ray, pdf)
@@ -167,7 +168,7 @@ class Notes(NamedTuple):
 @device
 def gather_lamps(f, tables, notes, ray, start, light):
     """`light` with that of the lamps that were noted on the ray's way from `start` to its hit."""
-    i = 0
+    i = np.int64(0)
     while any_of(i < notes.count):
         noted = i < notes.count
         place = notes.first + i * NOTED_WORDS

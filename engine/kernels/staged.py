@@ -75,6 +75,8 @@ from .sampler.sobol import hash_pixel, sample_1d, start_sample
 from .simd import WIDTH, add_at, any_of, count, first_lanes, int32, load, no, select, store, to_index
 from .tables import CAMERA_RAY, DIFFUSE_RAY
 
+NONE = np.int64(0)  # not a plain 0, see `tables.words`
+
 
 def covers(f: Features) -> bool:
     """Whether this kernel does all that a scene with these features needs."""
@@ -90,13 +92,13 @@ def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y,
     """Fill the batch with samples from sample `done` of pixel (x, y) on, pixel by pixel.
 
     Returns (their number, and where to go on: x, y, done)."""
-    words, n, adaptive = batch.sample_words, 0, active.size > 1
+    words, n, adaptive = batch.sample_words, NONE, active.size > 1
     while n < BATCH and y < tile[3]:
         if done < sample_count and (not adaptive or active[y - origin[1], x - origin[0]]):
             words[X, n], words[Y, n], words[INDEX, n] = np.uint32(x), np.uint32(y), np.uint32(first_sample + done)
             n, done = n + 1, done + 1
             continue
-        done, x = 0, x + 1
+        done, x = NONE, x + 1
         if x == tile[2]:
             x, y = tile[0], y + 1
     return n, x, y, done
@@ -153,7 +155,7 @@ def _start_paths(f, tables, batch, n, seed):
 @device
 def _follow_paths(f, tables, limits, batch, n, counters, halt):
     """Follow the batch's n paths to their ends. Returns the number of rays traced."""
-    bounces, kind, dimension, rays = 0, CAMERA_RAY, FIRST_VERTEX, 0
+    bounces, kind, dimension, rays = NONE, CAMERA_RAY, FIRST_VERTEX, NONE
     while n > 0 and not halt[0]:
         first, last = bounces == 0, bounces > limits.max_bounces
         trace_all(f, tables, batch, n, kind, first)
@@ -169,7 +171,7 @@ def _follow_paths(f, tables, limits, batch, n, counters, halt):
 @device
 def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last):
     """From the hits of n rays to the next rays. Returns (paths that go on, shadow rays), packed together in `batch`."""
-    live, shadows = 0, 0
+    live, shadows = NONE, NONE
     goes_on = not last and (bounces < limits.max_bounces or last_ray_finds_light(f))
     for i in range(0, n, WIDTH):
         paths, words = batch.paths, batch.path_words
@@ -267,8 +269,8 @@ def make_staged_kernel(features: Features):
         halt,
     ):  # fmt: skip
         """See `path.make_path_kernel`. halt[0] is asked at every vertex; what the batch has gathered is then lost."""
-        batch, rays = batch_of(memory), 0
-        x, y, done = tile[0], tile[1], 0
+        batch, rays = batch_of(memory), NONE
+        x, y, done = tile[0], tile[1], NONE
         while True:
             n, x, y, done = _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y, done)
             if n == 0 or halt[0]:

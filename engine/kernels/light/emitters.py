@@ -142,21 +142,21 @@ def _sample_emitter_shape(f, geometry, lights, i, p, u1, u2):
 def _sample_lamp(f, lights, i, p, n, u1, u2):
     """The fields of a `LightSample`, without the choice."""
     kind, lamps = at(lights.lamp_kind, i), lights.lamps
-    spot = _is(f, kind, SPOT)
+    spot = _is(f, kind, np.int32(SPOT))
     drawn = (UP, ZERO, BLACK, ZERO)
-    is_kind = _is(f, kind, RECTANGLE)
+    is_kind = _is(f, kind, np.int32(RECTANGLE))
     if any_of(is_kind):
         drawn = select(is_kind, sample_rectangle_lamp(lamps, i, p, u1, u2), drawn)
-    is_kind = _is(f, kind, ELLIPSE)
+    is_kind = _is(f, kind, np.int32(ELLIPSE))
     if any_of(is_kind):
         drawn = select(is_kind, sample_ellipse_lamp(lamps, i, p, u1, u2), drawn)
-    is_kind = _is(f, kind, SPHERE)
+    is_kind = _is(f, kind, np.int32(SPHERE))
     if any_of(is_kind):
         drawn = select(is_kind, sample_sphere_lamp(spot, lamps, i, p, n, u1, u2), drawn)
-    is_kind = _is(f, kind, DISK)
+    is_kind = _is(f, kind, np.int32(DISK))
     if any_of(is_kind):
         drawn = select(is_kind, sample_disk_lamp(spot, lamps, i, p, u1, u2), drawn)
-    delta = _is(f, kind, POINT)
+    delta = _is(f, kind, np.int32(POINT))
     if any_of(delta):
         drawn = select(delta, sample_point(spot, lamps, i, p), drawn)
     wi, t, radiance, pdf = drawn
@@ -168,7 +168,7 @@ def _sample_lamp(f, lights, i, p, n, u1, u2):
 @device
 def _is(f, kind, bit):
     """Whether a lamp is of that kind, in a scene that has such lamps."""
-    return (kind & np.int32(bit) != np.int32(0)) & (f.lamp_kinds & bit != 0)
+    return (kind & bit != np.int32(0)) & (f.lamp_kinds & bit != 0)
 
 
 @device
@@ -206,10 +206,10 @@ def found_by_rays(f, lights, i, p):
     kind, lamps = at(lights.lamp_kind, i), lights.lamps
     found = (at(lamps, i, UNSHADOWED) <= ZERO) | (not f.unshadowed)
     if f.lamp_kinds & (RECTANGLE | ELLIPSE):
-        flat = _is(f, kind, RECTANGLE) | _is(f, kind, ELLIPSE)
+        flat = _is(f, kind, np.int32(RECTANGLE)) | _is(f, kind, np.int32(ELLIPSE))
         found = found & (no(flat) | before_shape(lamps, i, p))
     if f.lamp_kinds & DISK:
-        found = found & no(_is(f, kind, DISK) & (inside_lamp(lamps, i, p) | (f.transparency != 0)))
+        found = found & no(_is(f, kind, np.int32(DISK)) & (inside_lamp(lamps, i, p) | (f.transparency != 0)))
     return found
 
 
@@ -217,18 +217,18 @@ def found_by_rays(f, lights, i, p):
 def lamp_seen(f, lights, i, p, n, wi, t):
     """(radiance, pdf without the choice) for a ray from p that meets the shape of lamp i at t."""
     kind, lamps = at(lights.lamp_kind, i), lights.lamps
-    spot = _is(f, kind, SPOT)
+    spot = _is(f, kind, np.int32(SPOT))
     seen = (BLACK, ZERO)
-    is_kind = _is(f, kind, RECTANGLE)
+    is_kind = _is(f, kind, np.int32(RECTANGLE))
     if any_of(is_kind):
         seen = select(is_kind, rectangle_lamp_seen(lamps, i, p, wi, t), seen)
-    is_kind = _is(f, kind, ELLIPSE)
+    is_kind = _is(f, kind, np.int32(ELLIPSE))
     if any_of(is_kind):
         seen = select(is_kind, ellipse_lamp_seen(lamps, i, p, wi, t), seen)
-    is_kind = _is(f, kind, SPHERE)
+    is_kind = _is(f, kind, np.int32(SPHERE))
     if any_of(is_kind):
         seen = select(is_kind, sphere_lamp_seen(spot, lamps, i, p, n, wi), seen)
-    is_kind = _is(f, kind, DISK)
+    is_kind = _is(f, kind, np.int32(DISK))
     if any_of(is_kind):
         seen = select(is_kind, disk_lamp_seen(spot, lamps, i, p, wi), seen)
     return seen
@@ -237,7 +237,7 @@ def lamp_seen(f, lights, i, p, n, wi, t):
 @device
 def surface_seen_pdf(f, geometry, lights, emitter, p, wi, t):
     """Density, without the choice, of sampling the emissive surface along wi from p, which meets it at t."""
-    i = to_index(int32(emitter - np.int32(len(lights.lamp_kind))))
+    i = to_index(emitter - np.int32(len(lights.lamp_kind)))
     whole = is_rectangle(f, lights, i)
     if not any_of(no(whole)):
         corner, x, y = rectangle(lights, i)

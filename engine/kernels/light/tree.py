@@ -85,7 +85,16 @@ def _importance(nodes, k, p, n):
     to = node[CENTER] - p[0], node[CENTER + 1] - p[1], node[CENTER + 2] - p[2]
     half = node[HALF_SIZE], node[HALF_SIZE + 1], node[HALF_SIZE + 2]
     height = dot(n, to)
-    below = height + abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2] <= ZERO
+    above = height + abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2] > ZERO
+    importance = ZERO
+    if any_of(above):
+        importance = select(above, _importance_above(node, to, half, height), ZERO)
+    return importance
+
+
+@device
+def _importance_above(node, to, half, height):
+    """The same for a cluster, its row `node`, at `to` from p and at this height above the horizon."""
     distance_squared, radius_squared = min(dot(to, to), LARGE), min(dot(half, half), LARGE)
     inverse = ONE / math.sqrt(distance_squared + SMALL)
     blur_squared = SOFTNESS * radius_squared
@@ -98,12 +107,14 @@ def _importance(nodes, k, p, n):
     oriented = cos_o > -ONE
     if any_of(oriented):
         cosine = -(node[AXIS] * to[0] + node[AXIS + 1] * to[1] + node[AXIS + 2] * to[2]) * inverse
-        away = oriented & no(two_sided) & _faces_away(node[COS_TOTAL], cosine, radius_squared, distance_squared)
+        one_sided = oriented & no(two_sided)
+        if any_of(one_sided):
+            away = one_sided & _faces_away(node[COS_TOTAL], cosine, radius_squared, distance_squared)
+            importance = select(away, ZERO, importance)
         cosine = select(two_sided, abs(cosine), cosine)
         cos_w, sin_w = cos_u * cos_o - sin_u * sin_o, sin_u * cos_o + cos_u * sin_o
-        factor = max(mean_cosine(cosine, cos_w, sin_w), least)
-        importance *= select(away, ZERO, select(oriented, factor, ONE))
-    return select(below, ZERO, importance)
+        importance *= select(oriented, max(mean_cosine(cosine, cos_w, sin_w), least), ONE)
+    return importance
 
 
 @device
@@ -135,7 +146,7 @@ def sample_tree(tree, p, n, u):
         lit, share = total > ZERO, left / total
         to_left = u < share
         share = select(to_left, share, right / total)
-        rest = select(to_left, u / share, max((u - (ONE - share)) / share, ZERO))
+        rest = select(to_left, u, max(u - (ONE - share), ZERO)) / share
         u = select(descends & lit, min(rest, LAST_BELOW_ONE), u)
         probability = select(descends, select(lit, probability * share, ZERO), probability)
         k = int32(k + select(to_left, np.int32(0), np.int32(1)))
