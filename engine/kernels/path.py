@@ -114,7 +114,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
             break
         # A vertex: direct light, and a new direction.
         vertex = make_vertex(f, tables.geometry, surface, ray, own)
-        light = Light(light.radiance, light.throughput, _clamp_limit(limits, bounces.total + 1))
+        light = Light(light.radiance, light.throughput, clamp_limit(limits, bounces.total + 1))
         if samples_lights(f):
             found, more = direct_light(f, tables, memory, vertex, numbers)
             light = gather(f, light, found)
@@ -154,7 +154,7 @@ def camera_ray(f, tables, numbers, pixel_x, pixel_y):
 
 
 @device
-def _clamp_limit(limits, scatterings):
+def clamp_limit(limits, scatterings):
     """Of light that is found after so many."""
     return limits.clamp_direct if scatterings <= 1 else limits.clamp_indirect
 

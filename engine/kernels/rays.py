@@ -72,8 +72,9 @@ def packets_pay(f, alike):
 
 
 @device
-def trace_all(f, tables, batch, n, kind, alike):
-    """Find the hits of the first n paths' rays, and add the light of the lamps before them to the samples."""
+def trace_all(f, tables, batch, n, kind, limit, alike):
+    """Find the hits of the first n paths' rays, and add the light of the lamps before them to the samples, each
+    contribution clamped to `limit`."""
     geometry, paths, packet, words = tables.geometry, batch.paths, batch.packet, batch.packet_words
     for i in range(0, n, WIDTH):
         _set_packet(batch, i, n, load_3(paths, START, i), load_3(paths, WI, i), reach(f, kind, False))
@@ -89,7 +90,7 @@ def trace_all(f, tables, batch, n, kind, alike):
             intersect_one_by_one(geometry.accel[0], packet, words, batch.ray)
         _keep_hits(f, geometry, batch, i, n)
         if f.lamp_shapes:
-            _add_lamps(f, tables, batch, i, n, kind)
+            _add_lamps(f, tables, batch, i, n, kind, limit)
 
 
 @device
@@ -123,7 +124,7 @@ def _forget_lamps(ray):
 
 
 @device
-def _add_lamps(f, tables, batch, i, n, kind):
+def _add_lamps(f, tables, batch, i, n, kind, limit):
     """Add the light of the lamps that paths i.. of n have passed to their samples."""
     paths, notes_of, within = batch.paths, batch.ray, first_lanes(n - i)
     counts = lanes() * np.uint32(note_words(notes_of)) + np.uint32(LAMP_COUNT)
@@ -134,7 +135,7 @@ def _add_lamps(f, tables, batch, i, n, kind):
     notes = Notes(notes_of.words, notes_of.floats, counts + np.uint32(1), count, t_near, t_hit)
     ray = Ray(load_3(paths, P, i), load_3(paths, N, i), load_3(paths, WI, i), kind, load(paths, PDF, i), False)
     place = to_index(select(within, load(batch.path_words, PLACE, i), np.uint32(0)))
-    light = Light(at_3(batch.samples, LIGHT, place), load_3(paths, THROUGHPUT, i), ZERO)
+    light = Light(at_3(batch.samples, LIGHT, place), load_3(paths, THROUGHPUT, i), limit)
     light = gather_lamps(f, tables, notes, ray, load_3(paths, START, i), light)
     put_at_3(batch.samples, LIGHT, place, light.radiance, within)
 

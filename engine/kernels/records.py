@@ -142,12 +142,17 @@ class Bounces(NamedTuple):
 @device
 def gather(f, light, found):
     """`light` after the path has found this radiance. A clamped contribution keeps its hue."""
-    contribution = mul(light.throughput, found)
+    contribution = clamped(f, mul(light.throughput, found), light.limit)
+    return Light(add(light.radiance, contribution), light.throughput, light.limit)
+
+
+@device
+def clamped(f, contribution, limit):
+    """A contribution of no more than the limit in the mean over the channels; 0: no limit."""
     if f.clamp:
         mean = average(contribution)
-        clamped = (light.limit > ZERO) & (mean > light.limit)
-        contribution = scale(contribution, select(clamped, light.limit / mean, ONE))
-    return Light(add(light.radiance, contribution), light.throughput, light.limit)
+        contribution = scale(contribution, select((limit > ZERO) & (mean > limit), limit / mean, ONE))
+    return contribution
 
 
 @device

@@ -58,7 +58,7 @@ from .geom.surface import Hit, find_surface
 from .geom.vec import BLACK, FAR, ONE, ZERO, dot, is_black, max_component, mul, negate, scale
 from .jit import device, kernel
 from .met import emitted, escaped
-from .path import ROULETTE_KEEP, camera_ray, last_ray_finds_light, make_vertex, reflects, scatter
+from .path import ROULETTE_KEEP, camera_ray, clamp_limit, last_ray_finds_light, make_vertex, reflects, scatter
 from .rays import occluded_all, trace_all
 from .records import (
     FIRST_VERTEX,
@@ -69,6 +69,7 @@ from .records import (
     Light,
     Numbers,
     Ray,
+    clamped,
     without_density,
 )
 from .sampler.sobol import hash_pixel, sample_1d, start_sample
@@ -80,8 +81,7 @@ NONE = np.int64(0)  # not a plain 0, see `tables.words`
 
 def covers(f: Features) -> bool:
     """Whether this kernel does all that a scene with these features needs."""
-    others = f.transparency or f.ray_kinds or f.clamp
-    return f.shared_light and not others and f.hemisphere != REJECTION
+    return f.shared_light and not f.transparency and not f.ray_kinds and f.hemisphere != REJECTION
 
 
 # --- samples ---------------------------------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ def _follow_paths(f, tables, limits, batch, n, counters, halt):
     bounces, kind, dimension, rays = NONE, CAMERA_RAY, FIRST_VERTEX, NONE
     while n > 0 and not halt[0]:
         first, last = bounces == 0, bounces > limits.max_bounces
-        trace_all(f, tables, batch, n, kind, first)
+        trace_all(f, tables, batch, n, kind, clamp_limit(limits, bounces), first)
         rays += n
         dimension += VERTEX_DECISIONS
         n, shadows = _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last)
@@ -179,7 +179,7 @@ def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last
         place = to_index(select(within, load(words, PLACE, i), np.uint32(0)))
         met = load(batch.hit_words, MET, i) != np.uint32(0)
         ray = Ray(load_3(paths, P, i), load_3(paths, N, i), load_3(paths, WI, i), kind, load(paths, PDF, i), False)
-        light = Light(BLACK, load_3(paths, THROUGHPUT, i), ZERO)
+        light = Light(BLACK, load_3(paths, THROUGHPUT, i), clamp_limit(limits, bounces))
         _add_escaped(f, tables, batch, ray, light, place, within & no(met), bounces)
         alive = within & met
         if not any_of(alive):
@@ -190,12 +190,14 @@ def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last
         found, own = emitted(f, tables, ray, surface[0], surface[3], surface[4])
         shines = alive & no(is_black(found))
         if any_of(shines):
-            add_at_3(batch.samples, LIGHT, place, mul(light.throughput, found), shines)
+            contribution = clamped(f, mul(light.throughput, found), light.limit)
+            add_at_3(batch.samples, LIGHT, place, contribution, shines)
         alive = alive & reflects(tables.geometry, surface[3])
         if last or not any_of(alive):
             continue
         vertex = make_vertex(f, tables.geometry, surface, ray, own)
         numbers = Numbers(load(words, KEY, i), load(words, ORDER, i), dimension)
+        light = Light(BLACK, light.throughput, clamp_limit(limits, bounces + 1))
         if samples_lights(f):
             shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows)
         if goes_on:
@@ -217,7 +219,7 @@ def _add_escaped(f, tables, batch, ray, light, place, missed, bounces):
 def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_column):
     """Draw a light sample for each vertex, and queue its shadow ray from that column on. Returns how many."""
     sample, found = unshadowed_light(f, tables, vertex, numbers)
-    arrives, brings = alive & no(is_black(found)), mul(light.throughput, found)
+    arrives, brings = alive & no(is_black(found)), clamped(f, mul(light.throughput, found), light.limit)
     sends = arrives & sample.shadowed & (sample.pdf > ZERO)
     at_once = arrives & no(sends)  # light that nothing shadows, and of a density that is no number
     if any_of(at_once):
