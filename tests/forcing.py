@@ -74,6 +74,16 @@ def forced(change: Callable[[Features], Features]) -> Iterator[None]:
         yield
 
 
+# What the kernel that goes in stages doesn't cover: see engine/kernels/staged.py.
+BY_PATH = ("transparency", "ray_kinds")
+
+
+def everything_staged_on() -> contextlib.AbstractContextManager[None]:
+    """As `everything_on`, without what would take a scene from one kernel to the other."""
+    staged = {name: value for name, value in EVERYTHING.items() if name not in BY_PATH}
+    return forced(lambda features: features._replace(**staged))
+
+
 def everything_on() -> contextlib.AbstractContextManager[None]:
     """One kernel for all scenes, but for the few features that `EVERYTHING` leaves as they are."""
     return forced(lambda features: features._replace(**EVERYTHING))

@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 import pytest
 import scenes
-from forcing import EVERYTHING, everything_on, forced
+from forcing import EVERYTHING, everything_on, everything_staged_on, forced
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from properties.strategies import small_scenes
@@ -42,6 +42,7 @@ from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8
 ROADS_EXAMPLES, BITS_EXAMPLES, KERNEL_EXAMPLES = 20, 40, 16
+KERNELS = [everything_on, everything_staged_on]
 ROADS_LEVEL = 1e-6  # p of the least probable quarter of a picture, over all examples and channels
 EXAMPLE = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
 
@@ -62,11 +63,12 @@ def smallest_p(a: np.ndarray, b: np.ndarray) -> float:
     return float(pixel_p_values(block_means(a, 4), block_means(b, 4)).min())
 
 
+@pytest.mark.parametrize("features_on", KERNELS)
 @given(scene=small_scenes(), instanced=st.booleans())
 @settings(max_examples=ROADS_EXAMPLES, **EXAMPLE)
-def test_both_roads_give_the_same_picture(scene, instanced):
+def test_both_roads_give_the_same_picture(features_on, scene, instanced):
     baking = mock.patch.object(packing, "BAKE_LIMIT", 0) if instanced else nullcontext()
-    with everything_on(), baking:
+    with features_on(), baking:
         compiled = replicates(scene)
     assert smallest_p(compiled, replicates(scene, road="REFERENCE")) > ROADS_LEVEL
 
@@ -110,10 +112,11 @@ def assert_same_bits(scene: Scene, seed: int, x: int, y: int, **way) -> None:
 A_PLACE = {"seed": st.integers(-(2**31), 2**31 - 1), "x": st.integers(0, 6), "y": st.integers(0, 6)}
 
 
+@pytest.mark.parametrize("features_on", KERNELS)
 @given(scene=small_scenes(), **A_PLACE)
 @settings(max_examples=BITS_EXAMPLES, **EXAMPLE)
-def test_the_picture_does_not_depend_on_threads_tiles_or_regions(scene, seed, x, y):
-    with everything_on():
+def test_the_picture_does_not_depend_on_threads_tiles_or_regions(features_on, scene, seed, x, y):
+    with features_on():
         assert_same_bits(scene, seed, x, y)
 
 
@@ -140,7 +143,7 @@ def test_a_picture_that_depends_on_its_threads_is_noticed(monkeypatch):
     monkeypatch.setattr(schedule._Render, "_work", work)
     with pytest.raises(AssertionError):
         test_the_picture_does_not_depend_on_threads_tiles_or_regions.hypothesis.inner_test(
-            scenes.lamp_room(["area"], 8), 0, 0, 0
+            everything_on, scenes.lamp_room(["area"], 8), 0, 0, 0
         )
 
 
