@@ -31,7 +31,7 @@ from tools import metrics
 
 # A record: the words of Embree's RTCRay, then which call it went to.
 RAY_WORDS, CALL, RECORD_WORDS = 12, 12, 13
-ID, PACKET = 10, 16
+ID = 10
 INTERSECT, INTERSECT_NOTING_LAMPS, OCCLUDED = 0, 1, 2
 MOST_RAYS = 1 << 24  # 870 MB
 SAMPLES = 16
@@ -104,12 +104,12 @@ def _instead_of_embree(records: np.ndarray, count: np.ndarray) -> Iterator[None]
     Compiled code looks its outer functions up by name when it is loaded, so that is what has to happen again.
     """
     from bl_ext.user_default.lobe.engine import schedule
-    from bl_ext.user_default.lobe.engine.kernels.embree import library
+    from bl_ext.user_default.lobe.engine.kernels.embree import INTERSECT_PACKET, OCCLUDED_PACKET, library
 
-    names = "rtcIntersect1", "rtcOccluded1", "rtcIntersect16", "rtcOccluded16"
+    names = "rtcIntersect1", "rtcOccluded1", INTERSECT_PACKET, OCCLUDED_PACKET
     real = {name: ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in names}
     stand_in = {
-        name: (_packet_recorder if name.endswith("16") else _recorder)(name, real[name], records, count)
+        name: (_recorder if name.endswith("1") else _packet_recorder)(name, real[name], records, count)
         for name in names
     }
     try:
@@ -166,26 +166,26 @@ def _recorder(name: str, real_address: int, records: np.ndarray, count: np.ndarr
 def _packet_recorder(name: str, real_address: int, records: np.ndarray, count: np.ndarray):
     """As `_recorder`, for packets: their rays become single ones, in the order in which they lie there. They are
     replayed so too: rays that come one by one are the ceiling, and packets a way past it."""
-    from bl_ext.user_default.lobe.engine.kernels.embree import _pointer
+    from bl_ext.user_default.lobe.engine.kernels.embree import OCCLUDED_PACKET, PACKET_WIDTH, _pointer
 
     pointer_type = numba.types.voidptr
     llvm.add_symbol(f"recorded_{name}", real_address)
     real = numba.types.ExternalFunction(f"recorded_{name}", numba.void(*[pointer_type] * 4))
     to_records, to_count, room = records.ctypes.data, count.ctypes.data, len(records)
-    call = OCCLUDED if name == "rtcOccluded16" else INTERSECT_NOTING_LAMPS
+    call = OCCLUDED if name == OCCLUDED_PACKET else INTERSECT_NOTING_LAMPS
 
     @numba.cfunc("void(voidptr, voidptr, voidptr, voidptr)")
     def note(valid, scene, packet, arguments):
-        counter, marks = carray(_pointer(np.uintp(to_count)), 1, np.int64), carray(valid, PACKET, np.int32)
-        words = carray(packet, RAY_WORDS * PACKET, np.uint32)
-        for lane in range(PACKET):
+        counter, marks = carray(_pointer(np.uintp(to_count)), 1, np.int64), carray(valid, PACKET_WIDTH, np.int32)
+        words = carray(packet, RAY_WORDS * PACKET_WIDTH, np.uint32)
+        for lane in range(PACKET_WIDTH):
             if marks[lane]:
                 place = counter[0]
                 counter[0] += 1
                 if place < room:
                     kept = carray(_pointer(np.uintp(to_records + place * RECORD_WORDS * 4)), RECORD_WORDS, np.uint32)
                     for i in range(RAY_WORDS):
-                        kept[i] = words[i * PACKET + lane]
+                        kept[i] = words[i * PACKET_WIDTH + lane]
                     kept[ID], kept[CALL] = 0, call
         real(valid, scene, packet, arguments)
 

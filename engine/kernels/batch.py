@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .embree import PACKET_ROWS, aligned_memory, init_ray, ray_words
+from .embree import PACKET_ROWS, PACKET_WIDTH, aligned_memory, init_ray, ray_words
 from .jit import device
 from .records import RayMemory
 from .simd import WIDTH, add_at, at, compress, load, put_at, store
@@ -43,7 +43,7 @@ _ENDS = tuple(int(end) for end in np.cumsum(_SIZES))
 class Batch(NamedTuple):
     """Arrays (rows, columns) of float32, and the same memory as uint32 under the name that ends in `_words`.
 
-    packet  sixteen rays as Embree takes them;  ray: one, which has the rest of the memory
+    packets  sixteen rays as Embree takes them, see `intersect_packets`;  ray: one, which has the rest of the memory
     """
 
     samples: np.ndarray
@@ -54,7 +54,7 @@ class Batch(NamedTuple):
     hit_words: np.ndarray
     shadows: np.ndarray
     shadow_words: np.ndarray
-    packet: np.ndarray
+    packets: np.ndarray
     packet_words: np.ndarray
     ray: RayMemory
 
@@ -75,10 +75,11 @@ def batch_of(memory):
     paths, path_words = memory[a:b].reshape(PATH_ROWS, COLUMNS), words[a:b].reshape(PATH_ROWS, COLUMNS)
     hits, hit_words = memory[b:c].reshape(HIT_ROWS, COLUMNS), words[b:c].reshape(HIT_ROWS, COLUMNS)
     shadows, shadow_words = memory[c:d].reshape(SHADOW_ROWS, COLUMNS), words[c:d].reshape(SHADOW_ROWS, COLUMNS)
-    packet, packet_words = memory[d:e].reshape(PACKET_ROWS, WIDTH), words[d:e].reshape(PACKET_ROWS, WIDTH)
+    parts = (WIDTH // PACKET_WIDTH, PACKET_ROWS, PACKET_WIDTH)
+    packets, packet_words = memory[d:e].reshape(parts), words[d:e].reshape(parts)
     ray = RayMemory(memory[e:], words[e:])
     return Batch(
-        samples, sample_words, paths, path_words, hits, hit_words, shadows, shadow_words, packet, packet_words, ray
+        samples, sample_words, paths, path_words, hits, hit_words, shadows, shadow_words, packets, packet_words, ray
     )
 
 

@@ -33,21 +33,32 @@ def load_library() -> ctypes.CDLL:
     return ctypes.CDLL(embreex.rtcore_scene.__file__)
 
 
+def _packet_width() -> int:
+    """Of the widest packets that Embree has code for on this processor; wider ones it would take apart."""
+    features = llvm.get_host_cpu_features()
+    if all(features.get(f"avx512{part}") for part in ("f", "bw", "cd", "dq", "vl")):
+        return 16
+    return 8 if features.get("avx2") else 4
+
+
+PACKET_WIDTH = _packet_width()
+INTERSECT_PACKET, OCCLUDED_PACKET = f"rtcIntersect{PACKET_WIDTH}", f"rtcOccluded{PACKET_WIDTH}"
+
 library = load_library()
-for _name in ("rtcIntersect1", "rtcOccluded1", "rtcIntersect16", "rtcOccluded16"):
+for _name in ("rtcIntersect1", "rtcOccluded1", INTERSECT_PACKET, OCCLUDED_PACKET):
     llvm.add_symbol(_name, ctypes.cast(getattr(library, _name), ctypes.c_void_p).value)
 
 _rtcIntersect1 = types.ExternalFunction("rtcIntersect1", types.void(types.voidptr, types.voidptr, types.voidptr))
 _rtcOccluded1 = types.ExternalFunction("rtcOccluded1", types.void(types.voidptr, types.voidptr, types.voidptr))
 _FOUR_POINTERS = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
-_rtcIntersect16 = types.ExternalFunction("rtcIntersect16", _FOUR_POINTERS)
-_rtcOccluded16 = types.ExternalFunction("rtcOccluded16", _FOUR_POINTERS)
+_rtcIntersectPacket = types.ExternalFunction(INTERSECT_PACKET, _FOUR_POINTERS)
+_rtcOccludedPacket = types.ExternalFunction(OCCLUDED_PACKET, _FOUR_POINTERS)
 
 # RTCRayHit as float32 words (origin, tnear, direction, time, tfar, then as uint32 mask, id and flags; the hit).
 TNEAR, TFAR = 3, 8
 NORMAL, U, V, PRIM_ID, GEOM_ID, INST_ID, INST_PRIM_ID, RAY_ROWS = 12, 15, 16, 17, 18, 19, 20, 21
-# A packet, RTCRayHit16, has a row of sixteen for each of those words, and behind them one for what marks the rays that
-# count.
+# A packet, RTCRayHit4, 8 or 16, has a row of so many for each of those words, and behind them one for what marks the
+# rays that count.
 ID_ROW, VALID_ROW, PACKET_ROWS = 10, 22, 24
 # Behind a single ray first the RTCIntersectArguments: flags, features, the context's address as two words, two
 # callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the room for lamps that a ray
@@ -193,48 +204,55 @@ def lamp_filter():
 
 
 @device
-def intersect_packet(scene, packet, words, ray, alike):
-    """Find the closest hits of the rays of a packet (`words` is its uint32 view) that are marked in VALID_ROW, and note
-    lamps in `ray`, a `RayMemory`. The caller has set the rows. alike: the rays start and go alike."""
+def intersect_packets(scene, packets, ray, alike):
+    """Find the closest hits of the rays in `packets` that are marked in VALID_ROW, and note lamps in `ray`, a
+    `RayMemory`. packets: (any number, PACKET_ROWS, PACKET_WIDTH) uint32. alike: the rays start and go alike."""
     ray.words[_ARGUMENTS] = _ALIKE if alike else np.uint32(0)
-    address = np.uintp(packet.ctypes.data)
-    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS)
-    _rtcIntersect16(_pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments))
+    arguments, row = np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS), 4 * PACKET_WIDTH
+    for i in range(packets.shape[0]):
+        rays = np.uintp(packets.ctypes.data + i * PACKET_ROWS * row)
+        valid = np.uintp(rays + np.uintp(VALID_ROW * row))
+        _rtcIntersectPacket(_pointer(valid), _pointer(scene), _pointer(rays), _pointer(arguments))
 
 
 @device
-def intersect_one_by_one(scene, packet, words, ray):
-    """As `intersect_packet`, by single rays."""
+def occluded_packets(scene, packets, ray, alike):
+    """As `intersect_packets`: of rays that something blocks, TFAR is then below 0."""
+    ray.words[_ARGUMENTS] = _ALIKE if alike else np.uint32(0)
+    arguments, row = np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS), 4 * PACKET_WIDTH
+    for i in range(packets.shape[0]):
+        rays = np.uintp(packets.ctypes.data + i * PACKET_ROWS * row)
+        valid = np.uintp(rays + np.uintp(VALID_ROW * row))
+        _rtcOccludedPacket(_pointer(valid), _pointer(scene), _pointer(rays), _pointer(arguments))
+
+
+@device
+def intersect_one_by_one(scene, packets, ray):
+    """As `intersect_packets`, by single rays."""
     ray.words[_ARGUMENTS] = np.uint32(0)
     address = np.uintp(ray.words.ctypes.data)
-    for lane in range(packet.shape[1]):
-        if words[VALID_ROW, lane]:
-            for row in range(RAY_ROWS):
-                ray.words[row] = words[row, lane]
-            _rtcIntersect1(_pointer(scene), _pointer(address), _pointer(np.uintp(address + np.uintp(4 * _ARGUMENTS))))
-            for row in range(TFAR, RAY_ROWS):
-                words[row, lane] = ray.words[row]
+    for i in range(packets.shape[0]):
+        for lane in range(packets.shape[2]):
+            if packets[i, VALID_ROW, lane]:
+                for row in range(RAY_ROWS):
+                    ray.words[row] = packets[i, row, lane]
+                arguments = np.uintp(address + np.uintp(4 * _ARGUMENTS))
+                _rtcIntersect1(_pointer(scene), _pointer(address), _pointer(arguments))
+                for row in range(TFAR, RAY_ROWS):
+                    packets[i, row, lane] = ray.words[row]
 
 
 @device
-def occluded_packet(scene, packet, words, ray, alike):
-    """As `intersect_packet`: of rays that something blocks, TFAR is then below 0."""
-    ray.words[_ARGUMENTS] = _ALIKE if alike else np.uint32(0)
-    address = np.uintp(packet.ctypes.data)
-    valid, arguments = np.uintp(address + np.uintp(64 * VALID_ROW)), np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS)
-    _rtcOccluded16(_pointer(valid), _pointer(scene), _pointer(address), _pointer(arguments))
-
-
-@device
-def occluded_one_by_one(scene, packet, words, ray):
-    """As `occluded_packet`, by single rays."""
+def occluded_one_by_one(scene, packets, ray):
+    """As `occluded_packets`, by single rays."""
     address = np.uintp(ray.words.ctypes.data)
-    for lane in range(packet.shape[1]):
-        if words[VALID_ROW, lane]:
-            for row in range(NORMAL):
-                ray.words[row] = words[row, lane]
-            _rtcOccluded1(_pointer(scene), _pointer(address), _pointer(np.uintp(0)))
-            words[TFAR, lane] = ray.words[TFAR]
+    for i in range(packets.shape[0]):
+        for lane in range(packets.shape[2]):
+            if packets[i, VALID_ROW, lane]:
+                for row in range(NORMAL):
+                    ray.words[row] = packets[i, row, lane]
+                _rtcOccluded1(_pointer(scene), _pointer(address), _pointer(np.uintp(0)))
+                packets[i, TFAR, lane] = ray.words[TFAR]
 
 
 @device

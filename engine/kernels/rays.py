@@ -1,7 +1,8 @@
-"""The stages of a batch that trace: Embree takes all rays one after the other, or sixteen at a time.
+"""The stages of a batch that trace: Embree takes all rays one after the other, or in packets.
 
-Sixteen rays that start and go alike cost a fraction of sixteen single ones; of those that go anywhere, as after the
-first vertex, a packet still costs less, except through instances.
+Rays that start and go alike cost a packet a fraction of what they cost one by one; those that go anywhere, as after
+the first vertex, still cost it less, except through instances. A packet is as wide as the processor allows, so that
+sixteen rays are one packet, two or four.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from .batch import (
     at_3,
     load_3,
     put_at_3,
-    store_3,
 )
 from .embree import (
     GEOM_ID,
@@ -42,15 +42,16 @@ from .embree import (
     INST_PRIM_ID,
     INVALID,
     LAMP_COUNT,
+    PACKET_WIDTH,
     PRIM_ID,
     TFAR,
     TNEAR,
     VALID_ROW,
     intersect_one_by_one,
-    intersect_packet,
+    intersect_packets,
     note_words,
     occluded_one_by_one,
-    occluded_packet,
+    occluded_packets,
 )
 from .embree import U as U_WORD
 from .embree import V as V_WORD
@@ -58,7 +59,7 @@ from .geom.vec import ZERO
 from .jit import AS_WRITTEN, device
 from .met import Notes, gather_lamps, reach
 from .records import Light, Ray
-from .simd import WIDTH, any_of, at, first_lanes, lanes, load, select, store, to_index, uint32
+from .simd import WIDTH, any_of, at, first_lanes, lanes, load, load_parts, select, store, store_parts, to_index, uint32
 from .tables import INSTANCED_MESH, SHADOW_RAY
 
 _DIRECTION_WORD, _TIME, _MASK, _FLAGS = 4, 7, 9, 11
@@ -75,19 +76,19 @@ def packets_pay(f, alike):
 def trace_all(f, tables, batch, n, kind, limit, alike):
     """Find the hits of the first n paths' rays, and add the light of the lamps before them to the samples, each
     contribution clamped to `limit`."""
-    geometry, paths, packet, words = tables.geometry, batch.paths, batch.packet, batch.packet_words
+    geometry, paths, packets, words = tables.geometry, batch.paths, batch.packets, batch.packet_words
     for i in range(0, n, WIDTH):
-        _set_packet(batch, i, n, load_3(paths, START, i), load_3(paths, WI, i), reach(f, kind, False))
-        store(packet, TNEAR, 0, load(paths, T_NEAR, i))
-        store(packet, TFAR, 0, load(paths, T_FAR, i))
-        store(words, GEOM_ID, 0, INVALID)
-        store(words, INST_ID, 0, INVALID)
+        _set_packets(batch, i, n, load_3(paths, START, i), load_3(paths, WI, i), reach(f, kind, False))
+        store_parts(packets, TNEAR, PACKET_WIDTH, load(paths, T_NEAR, i))
+        store_parts(packets, TFAR, PACKET_WIDTH, load(paths, T_FAR, i))
+        store_parts(words, GEOM_ID, PACKET_WIDTH, INVALID)
+        store_parts(words, INST_ID, PACKET_WIDTH, INVALID)
         if f.lamp_shapes:
             _forget_lamps(batch.ray)
         if packets_pay(f, alike):
-            intersect_packet(geometry.accel[0], packet, words, batch.ray, alike)
+            intersect_packets(geometry.accel[0], words, batch.ray, alike)
         else:
-            intersect_one_by_one(geometry.accel[0], packet, words, batch.ray)
+            intersect_one_by_one(geometry.accel[0], words, batch.ray)
         _keep_hits(f, geometry, batch, i, n)
         if f.lamp_shapes:
             _add_lamps(f, tables, batch, i, n, kind, limit)
@@ -95,25 +96,27 @@ def trace_all(f, tables, batch, n, kind, limit, alike):
 
 @device
 def _keep_hits(f, geometry, batch, i, n):
-    """The packet's hits as those of paths i.. of n. Where there is none, the triangle is the first one."""
+    """The packets' hits as those of paths i.. of n. Where there is none, the triangle is the first one."""
     words, rows = batch.packet_words, batch.hit_words
-    outer, triangle, instance = load(words, GEOM_ID, 0), np.uint32(0), _NOWHERE
+    outer, triangle, instance = load_parts(words, GEOM_ID, PACKET_WIDTH), np.uint32(0), _NOWHERE
     met = (outer != INVALID) & first_lanes(n - i)
     if any_of(met):
         if f.instances:
-            inner = load(words, INST_ID, 0)
+            inner = load_parts(words, INST_ID, PACKET_WIDTH)
             outer = select(inner != INVALID, inner, outer)
         outer = to_index(select(met, outer, np.uint32(0)))
-        triangle = select(met, uint32(at(geometry.base, outer)) + load(words, PRIM_ID, 0), np.uint32(0))
+        triangle = select(
+            met, uint32(at(geometry.base, outer)) + load_parts(words, PRIM_ID, PACKET_WIDTH), np.uint32(0)
+        )
         if f.instances:
-            row = uint32(at(geometry.instance_base, outer)) + load(words, INST_PRIM_ID, 0)
+            row = uint32(at(geometry.instance_base, outer)) + load_parts(words, INST_PRIM_ID, PACKET_WIDTH)
             placed = met & (at(geometry.kind, outer) == np.int32(INSTANCED_MESH))
             instance = select(placed, row, _NOWHERE)
     store(rows, MET, i, select(met, _YES, _NO))
     store(rows, TRIANGLE, i, triangle)
     store(rows, INSTANCE, i, instance)
-    store(rows, U, i, load(words, U_WORD, 0))
-    store(rows, V, i, load(words, V_WORD, 0))
+    store(rows, U, i, load_parts(words, U_WORD, PACKET_WIDTH))
+    store(rows, V, i, load_parts(words, V_WORD, PACKET_WIDTH))
 
 
 @device
@@ -131,7 +134,7 @@ def _add_lamps(f, tables, batch, i, n, kind, limit):
     count = select(within, at(notes_of.words, counts), np.uint32(0))
     if not any_of(count > np.uint32(0)):
         return
-    t_near, t_hit = load(paths, T_NEAR, i), load(batch.packet, TFAR, 0)
+    t_near, t_hit = load(paths, T_NEAR, i), load_parts(batch.packets, TFAR, PACKET_WIDTH)
     notes = Notes(notes_of.words, notes_of.floats, counts + np.uint32(1), count, t_near, t_hit)
     ray = Ray(load_3(paths, P, i), load_3(paths, N, i), load_3(paths, WI, i), kind, load(paths, PDF, i), False)
     place = to_index(select(within, load(batch.path_words, PLACE, i), np.uint32(0)))
@@ -141,30 +144,31 @@ def _add_lamps(f, tables, batch, i, n, kind, limit):
 
 
 @device
-def _set_packet(batch, i, n, start, direction, mask):
-    """The rows of the packet with rays i.. of n, but for TNEAR and TFAR."""
-    packet, words = batch.packet, batch.packet_words
-    store(words, VALID_ROW, 0, select(first_lanes(n - i), _YES, _NO))
-    store_3(packet, 0, 0, start)
-    store_3(packet, _DIRECTION_WORD, 0, direction)
-    store(packet, _TIME, 0, ZERO)
-    store(words, _MASK, 0, mask)
-    store(words, ID_ROW, 0, lanes())
-    store(words, _FLAGS, 0, np.uint32(0))
+def _set_packets(batch, i, n, start, direction, mask):
+    """The rows of the packets with rays i.. of n, but for TNEAR and TFAR."""
+    packets, words = batch.packets, batch.packet_words
+    store_parts(words, VALID_ROW, PACKET_WIDTH, select(first_lanes(n - i), _YES, _NO))
+    for k in range(3):
+        store_parts(packets, k, PACKET_WIDTH, start[k])
+        store_parts(packets, _DIRECTION_WORD + k, PACKET_WIDTH, direction[k])
+    store_parts(packets, _TIME, PACKET_WIDTH, ZERO)
+    store_parts(words, _MASK, PACKET_WIDTH, mask)
+    store_parts(words, ID_ROW, PACKET_WIDTH, lanes())
+    store_parts(words, _FLAGS, PACKET_WIDTH, np.uint32(0))
 
 
 @device
 def occluded_all(f, tables, batch, n, alike):
     """Trace n shadow rays, and add the light of those that nothing blocks to their samples."""
-    scene, shadows, packet, words = tables.geometry.accel[0], batch.shadows, batch.packet, batch.packet_words
+    scene, shadows, packets, words = tables.geometry.accel[0], batch.shadows, batch.packets, batch.packet_words
     for i in range(0, n, WIDTH):
-        _set_packet(batch, i, n, load_3(shadows, FROM, i), load_3(shadows, DIRECTION, i), SHADOW_RAY)
-        store(packet, TNEAR, 0, ZERO)
-        store(packet, TFAR, 0, load(shadows, END, i))
+        _set_packets(batch, i, n, load_3(shadows, FROM, i), load_3(shadows, DIRECTION, i), SHADOW_RAY)
+        store_parts(packets, TNEAR, PACKET_WIDTH, ZERO)
+        store_parts(packets, TFAR, PACKET_WIDTH, load(shadows, END, i))
         if packets_pay(f, alike):
-            occluded_packet(scene, packet, words, batch.ray, alike)
+            occluded_packets(scene, words, batch.ray, alike)
         else:
-            occluded_one_by_one(scene, packet, words, batch.ray)
-        arrives = (load(packet, TFAR, 0) >= ZERO) & first_lanes(n - i)
+            occluded_one_by_one(scene, words, batch.ray)
+        arrives = (load_parts(packets, TFAR, PACKET_WIDTH) >= ZERO) & first_lanes(n - i)
         place = to_index(load(batch.shadow_words, TO, i))
         add_at_3(batch.samples, LIGHT, place, load_3(shadows, BRINGS, i), arrives)

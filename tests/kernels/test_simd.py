@@ -24,11 +24,13 @@ from engine.kernels.simd import (
     int32,
     lanes,
     load,
+    load_parts,
     no,
     put_at,
     row_at,
     select,
     store,
+    store_parts,
     to_index,
     uint32,
 )
@@ -108,6 +110,23 @@ def test_lanes_look_up_and_write_places_of_their_own() -> None:
     assert np.allclose(sums[0], added) and np.array_equal(sums[1], put)
     assert np.array_equal(out[3, :N], np.tile(np.arange(WIDTH), N // WIDTH))
     assert np.array_equal(out[4, :N], np.arange(N) < N - 5)
+
+
+@kernel
+def in_parts(x, narrow, narrower, out):
+    for i in range(0, N, WIDTH):
+        store_parts(narrow, 1, 8, load(x, 0, i))
+        store_parts(narrower, 2, 4, load_parts(narrow, 1, 8))
+        store(out, 0, i, load_parts(narrower, 2, 4))
+
+
+def test_parts_of_a_vector_lie_in_arrays_of_their_own(numbers) -> None:
+    narrow, narrower = np.zeros((2, 3, 8), np.float32), np.zeros((4, 3, 4), np.float32)
+    out = np.zeros((1, N), np.float32)
+    in_parts(numbers, narrow, narrower, out)
+    last = numbers[0, -WIDTH:]
+    assert np.array_equal(narrow[:, 1].ravel(), last) and np.array_equal(narrower[:, 2].ravel(), last)
+    assert np.array_equal(out[0], numbers[0]) and not narrow[:, ::2].any()
 
 
 @kernel

@@ -20,7 +20,7 @@ from .arithmetic import (
     to_index,
     uint32,
 )
-from .memory import add_at, at, compress, first_lanes, lanes, load, put_at, row_at, store
+from .memory import add_at, at, compress, first_lanes, lanes, load, load_parts, put_at, row_at, store, store_parts
 from .types import WIDTH
 
 __all__ = [
@@ -39,11 +39,13 @@ __all__ = [
     "int32",
     "lanes",
     "load",
+    "load_parts",
     "no",
     "put_at",
     "row_at",
     "select",
     "store",
+    "store_parts",
     "to_index",
     "uint32",
 ]

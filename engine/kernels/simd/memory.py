@@ -70,6 +70,54 @@ def store(typing_context, array, row, i, value):
     return types.void(array, row, i, value), codegen
 
 
+def _part(context, builder, sig, args, number):
+    """Pointer to array[number, row, 0], and the lanes of a vector that it holds, for `load_parts`."""
+    array = _array(context, builder, sig.args[0], args[0])
+    row = context.cast(builder, args[1], sig.args[1], types.int64)
+    offset = builder.mul(row, builder.extract_value(array.strides, 1))
+    offset = builder.add(offset, builder.mul(I64(number), builder.extract_value(array.strides, 0)))
+    return builder.gep(builder.bitcast(array.data, ir.PointerType()), [offset], source_etype=_BYTE)
+
+
+@intrinsic
+def load_parts(typing_context, array, row, width):
+    """array[:, row, :] of parts that are `width` wide, a constant, and WIDTH together."""
+    if not isinstance(width, types.IntegerLiteral):
+        return None  # Numba then comes back with the constant
+    vector, width = _VECTORS[array.dtype], width.literal_value
+
+    def codegen(context, builder, sig, args):
+        narrow = ir.VectorType(vector.llvm.element, width)
+        places = [_part(context, builder, sig, args, number) for number in range(WIDTH // width)]
+        parts = [builder.load(place, typ=narrow, align=4) for place in places]
+        while len(parts) > 1:
+            both = ir.Constant(ir.VectorType(I32_WORD, 2 * parts[0].type.count), list(range(2 * parts[0].type.count)))
+            parts = [builder.shuffle_vector(a, b, both) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+        return parts[0]
+
+    return vector(array, row, types.literal(width)), codegen
+
+
+@intrinsic
+def store_parts(typing_context, array, row, width, value):
+    """array[:, row, :] = value: see `load_parts`."""
+    if not isinstance(width, types.IntegerLiteral):
+        return None
+    vector, width = _VECTORS[array.dtype], width.literal_value
+
+    def codegen(context, builder, sig, args):
+        given = sig.args[3]
+        lanes = args[3] if isinstance(given, Vector) else widen(context, builder, args[3], given, vector)
+        for number in range(WIDTH // width):
+            own = list(range(number * width, (number + 1) * width))
+            part = builder.shuffle_vector(lanes, lanes, ir.Constant(ir.VectorType(I32_WORD, width), own))
+            place = _part(context, builder, sig, args, number)
+            builder.store(part, builder.bitcast(place, part.type.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, row, types.literal(width), value), codegen
+
+
 @intrinsic
 def first_lanes(typing_context, n):
     """The mask of the first n lanes; all if there are fewer than n."""
