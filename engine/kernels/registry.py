@@ -148,12 +148,12 @@ NO_DENSITY = {
     "light.sun.choose_sun": "a choice: tests/kernels/test_light_groups.py holds its frequencies",
     "light.tree.sample_tree": "a choice: tests/kernels/test_light_tree.py holds its frequencies",
     "light.environment._mix_color": "u and v are places within a cell",
-    "geom.surface._interpolate": "u and v are barycentric coordinates",
+    "geom.surface._shading_normal": "u and v are barycentric coordinates",
     "geom.elementary.sin_cos_turn": "u is a part of a turn",
     "sampler.random.random_1d": "random numbers: tests/kernels/test_sampler.py",
     "sampler.sobol.sample_1d": "random numbers: tests/kernels/test_sampler.py",
     "sampler.sobol.sample_2d": "random numbers: tests/kernels/test_sampler.py",
-    "path._scatter": "draws by the entries above, with the state that rejection sampling needs",
+    "path.scatter": "draws by the entries above, with the state that rejection sampling needs",
 }
 # Of what else is drawn from, the fields that the entries and their adapters vary, and those that no draw depends on.
 OTHER_FIELDS = {

@@ -42,7 +42,7 @@ from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8
 ROADS_EXAMPLES, BITS_EXAMPLES, KERNEL_EXAMPLES = 20, 40, 16
-KERNELS = [everything_on, everything_staged_on]
+BOTH_KERNELS = [everything_on, everything_staged_on]
 ROADS_LEVEL = 1e-6  # p of the least probable quarter of a picture, over all examples and channels
 EXAMPLE = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
 
@@ -63,7 +63,7 @@ def smallest_p(a: np.ndarray, b: np.ndarray) -> float:
     return float(pixel_p_values(block_means(a, 4), block_means(b, 4)).min())
 
 
-@pytest.mark.parametrize("features_on", KERNELS)
+@pytest.mark.parametrize("features_on", BOTH_KERNELS)
 @given(scene=small_scenes(), instanced=st.booleans())
 @settings(max_examples=ROADS_EXAMPLES, **EXAMPLE)
 def test_both_roads_give_the_same_picture(features_on, scene, instanced):
@@ -112,7 +112,7 @@ def assert_same_bits(scene: Scene, seed: int, x: int, y: int, **way) -> None:
 A_PLACE = {"seed": st.integers(-(2**31), 2**31 - 1), "x": st.integers(0, 6), "y": st.integers(0, 6)}
 
 
-@pytest.mark.parametrize("features_on", KERNELS)
+@pytest.mark.parametrize("features_on", BOTH_KERNELS)
 @given(scene=small_scenes(), **A_PLACE)
 @settings(max_examples=BITS_EXAMPLES, **EXAMPLE)
 def test_the_picture_does_not_depend_on_threads_tiles_or_regions(features_on, scene, seed, x, y):

@@ -96,21 +96,19 @@ def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
     emitter, chosen = np.int32(0), ONE
     if f.emitter_choice == EMITTER_TREE:
         emitter, chosen, u = sample_tree(tree, p, n, u)
-    lamp_count = np.int32(len(lights.lamp_kind))
-    drawn = NOTHING
+    lamp_count, lit, drawn = np.int32(len(lights.lamp_kind)), chosen > ZERO, NOTHING
     if f.mesh_emitters:
-        surface = emitter >= lamp_count if f.lamp_kinds else emitter >= np.int32(0)
+        surface = lit & (emitter >= lamp_count) if f.lamp_kinds else lit
         if any_of(surface):
             i = to_index(select(surface, int32(emitter - lamp_count), np.int32(0)))
             drawn = _sample_surface(f, geometry, lights, i, p, u1, u2)
     if f.lamp_kinds:
-        lamp = emitter < lamp_count
+        lamp = lit & (emitter < lamp_count)
         if any_of(lamp):
             i = to_index(select(lamp, emitter, np.int32(0)))
             drawn = select(lamp, _sample_lamp(f, lights, i, p, n, u1, u2), drawn)
     wi, t, radiance, pdf, alone, shadowed, mask = drawn
-    nothing = (chosen <= ZERO) | (emitter == own)
-    return wi, t, radiance, select(nothing, ZERO, pdf * chosen * share), alone, shadowed, mask
+    return wi, t, radiance, select(emitter == own, ZERO, pdf * chosen * share), alone, shadowed, mask
 
 
 @device
