@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scenes
 
-from engine import Material, Scene, Settings, SunLight, Visibility, World, render
+import engine.pack as packing
+from engine import Material, Scene, SceneError, Settings, SunLight, Visibility, World, render
 from engine.features import POINT
 from engine.kernels.light.tree import POWER
 from engine.kernels.tables import EXPONENT, SPREAD_NORM
@@ -130,3 +131,17 @@ def test_sizes_too_small_for_float32_count_as_none():
 def test_exponent_is_capped():
     table = pack_materials(Scene(materials=[Material("mirror", exponent=1e39), Material("dull", exponent=7.0)]))
     assert table[:, EXPONENT].tolist() == [1e8, 7.0]
+
+
+def test_tables_too_large_for_the_kernels_are_refused(monkeypatch):
+    scene = scenes.cornell(8)
+    count = len(pack_geometry(scene).tables.vertices)
+    monkeypatch.setattr(packing, "MOST_NUMBERS", 3 * count)
+    pack(scene, Settings())
+    monkeypatch.setattr(packing, "MOST_NUMBERS", 3 * count - 1)
+    with pytest.raises(SceneError) as caught:
+        pack(scene, Settings())
+    assert str(caught.value) == (
+        f"the scene has {count} vertices, and {count - 1} can be rendered: use fewer, for instance with "
+        "lower levels of subdivision or with instances of a mesh"
+    )

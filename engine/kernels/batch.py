@@ -1,5 +1,5 @@
 """The memory of a batch of paths, which stage after stage of the kernel works through: rows of numbers, a column for
-each path. Rows are named like `tables.py` names words; a vector of the path's begins at its row and takes three.
+each path. `rows` names them.
 
 A row is a little longer than the batch, so that the last lanes of a vector find room, and so that rows do not lie a
 multiple of 4096 bytes apart, where the processor's cache would keep only a few of them.
@@ -7,37 +7,23 @@ multiple of 4096 bytes apart, where the processor's cache would keep only a few 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from . import rows
 from .embree import PACKET_ROWS, PACKET_WIDTH, aligned_memory, init_ray, ray_words
 from .jit import device
-from .records import RayMemory
+from .records import Ray, RayMemory
 from .simd import WIDTH, add_at, at, compress, load, put_at, store
 
 BATCH = 1024
 COLUMNS = BATCH + WIDTH
 
-
-def _rows(*heights: int) -> tuple:
-    """The first rows of things so many rows high, and how many that are together. See `tables.words`."""
-    starts = np.cumsum((0, *heights))
-    return (*(np.int64(row) for row in starts[:-1]), int(starts[-1]))
-
-
-# Of a sample, by its place in the batch: pixel, number, what has arrived at the camera.
-X, Y, INDEX, LIGHT, ALPHA, SAMPLE_ROWS = _rows(1, 1, 1, 3, 1)
-# Of a live path: where its random numbers come from, its place in the batch, throughput, the ray (see `records.Ray`)
-# and the `Stretch` of it that is yet to be followed.
-KEY, ORDER, PLACE, THROUGHPUT, P, N, WI, PDF, START, T_NEAR, T_FAR, PATH_ROWS = _rows(1, 1, 1, 3, 3, 3, 3, 1, 3, 1, 1)
-# Of its ray's hit: whether there is one, then `surface.Hit`.
-MET, TRIANGLE, INSTANCE, U, V, HIT_ROWS = _rows(1, 1, 1, 1, 1)
-# Of a shadow ray: the place of its path, the ray, the light that it brings.
-TO, FROM, DIRECTION, END, BRINGS, SHADOW_ROWS = _rows(1, 3, 3, 1, 3)
-
-_SIZES = (SAMPLE_ROWS * COLUMNS, PATH_ROWS * COLUMNS, HIT_ROWS * COLUMNS, SHADOW_ROWS * COLUMNS, PACKET_ROWS * WIDTH)
-_ENDS = tuple(int(end) for end in np.cumsum(_SIZES))
+_HEIGHTS = rows.SAMPLE_ROWS, rows.PATH_ROWS, rows.HIT_ROWS, rows.SHADOW_ROWS
+_SHAPES = (*((height, COLUMNS) for height in _HEIGHTS), (WIDTH // PACKET_WIDTH, PACKET_ROWS, PACKET_WIDTH))
+_ENDS = tuple(int(end) for end in np.cumsum([math.prod(shape) for shape in _SHAPES]))
 
 
 class Batch(NamedTuple):
@@ -71,57 +57,68 @@ def batch_of(memory):
     """The `Batch` in the memory of `new_batch`."""
     words = memory.view(np.uint32)
     a, b, c, d, e = _ENDS
-    samples, sample_words = memory[0:a].reshape(SAMPLE_ROWS, COLUMNS), words[0:a].reshape(SAMPLE_ROWS, COLUMNS)
-    paths, path_words = memory[a:b].reshape(PATH_ROWS, COLUMNS), words[a:b].reshape(PATH_ROWS, COLUMNS)
-    hits, hit_words = memory[b:c].reshape(HIT_ROWS, COLUMNS), words[b:c].reshape(HIT_ROWS, COLUMNS)
-    shadows, shadow_words = memory[c:d].reshape(SHADOW_ROWS, COLUMNS), words[c:d].reshape(SHADOW_ROWS, COLUMNS)
-    parts = (WIDTH // PACKET_WIDTH, PACKET_ROWS, PACKET_WIDTH)
-    packets, packet_words = memory[d:e].reshape(parts), words[d:e].reshape(parts)
-    ray = RayMemory(memory[e:], words[e:])
+    of_samples, of_paths, of_hits, of_shadows, of_packets = _SHAPES
     return Batch(
-        samples, sample_words, paths, path_words, hits, hit_words, shadows, shadow_words, packets, packet_words, ray
+        memory[0:a].reshape(of_samples),
+        words[0:a].reshape(of_samples),
+        memory[a:b].reshape(of_paths),
+        words[a:b].reshape(of_paths),
+        memory[b:c].reshape(of_hits),
+        words[b:c].reshape(of_hits),
+        memory[c:d].reshape(of_shadows),
+        words[c:d].reshape(of_shadows),
+        memory[d:e].reshape(of_packets),
+        words[d:e].reshape(of_packets),
+        RayMemory(memory[e:], words[e:]),
     )
 
 
 @device
-def load_3(rows, row, i):
-    return load(rows, row, i), load(rows, row + 1, i), load(rows, row + 2, i)
+def load_3(array, row, i):
+    return load(array, row, i), load(array, row + 1, i), load(array, row + 2, i)
 
 
 @device
-def store_3(rows, row, i, v):
-    store(rows, row, i, v[0])
-    store(rows, row + 1, i, v[1])
-    store(rows, row + 2, i, v[2])
+def store_3(array, row, i, v):
+    store(array, row, i, v[0])
+    store(array, row + 1, i, v[1])
+    store(array, row + 2, i, v[2])
 
 
 @device
-def pack(rows, row, i, value, mask):
+def pack(array, row, i, value, mask):
     """Write the lanes of the mask side by side from column i on. What lies behind them is lost."""
-    store(rows, row, i, compress(value, mask))
+    store(array, row, i, compress(value, mask))
 
 
 @device
-def pack_3(rows, row, i, v, mask):
-    pack(rows, row, i, v[0], mask)
-    pack(rows, row + 1, i, v[1], mask)
-    pack(rows, row + 2, i, v[2], mask)
+def pack_3(array, row, i, v, mask):
+    pack(array, row, i, v[0], mask)
+    pack(array, row + 1, i, v[1], mask)
+    pack(array, row + 2, i, v[2], mask)
 
 
 @device
-def at_3(rows, row, place):
-    return at(rows, row, place), at(rows, row + 1, place), at(rows, row + 2, place)
+def at_3(array, row, place):
+    return at(array, row, place), at(array, row + 1, place), at(array, row + 2, place)
 
 
 @device
-def add_at_3(rows, row, place, v, mask):
-    add_at(rows, row, place, v[0], mask)
-    add_at(rows, row + 1, place, v[1], mask)
-    add_at(rows, row + 2, place, v[2], mask)
+def add_at_3(array, row, place, v, mask):
+    add_at(array, row, place, v[0], mask)
+    add_at(array, row + 1, place, v[1], mask)
+    add_at(array, row + 2, place, v[2], mask)
 
 
 @device
-def put_at_3(rows, row, place, v, mask):
-    put_at(rows, (row, place), v[0], mask)
-    put_at(rows, (row + 1, place), v[1], mask)
-    put_at(rows, (row + 2, place), v[2], mask)
+def put_at_3(array, row, place, v, mask):
+    put_at(array, (row, place), v[0], mask)
+    put_at(array, (row + 1, place), v[1], mask)
+    put_at(array, (row + 2, place), v[2], mask)
+
+
+@device
+def rays_at(paths, i, kind):
+    """The `Ray` of paths i.., of this kind."""
+    p, n, wi = load_3(paths, rows.P, i), load_3(paths, rows.N, i), load_3(paths, rows.WI, i)
+    return Ray(p, n, wi, kind, load(paths, rows.PDF, i), False)

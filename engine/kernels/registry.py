@@ -153,7 +153,7 @@ NO_DENSITY = {
     "sampler.random.random_1d": "random numbers: tests/kernels/test_sampler.py",
     "sampler.sobol.sample_1d": "random numbers: tests/kernels/test_sampler.py",
     "sampler.sobol.sample_2d": "random numbers: tests/kernels/test_sampler.py",
-    "path.scatter": "draws by the entries above, with the state that rejection sampling needs",
+    "vertex.scatter": "draws by the entries above, with the state that rejection sampling needs",
 }
 # Of what else is drawn from, the fields that the entries and their adapters vary, and those that no draw depends on.
 OTHER_FIELDS = {

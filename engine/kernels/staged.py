@@ -1,69 +1,30 @@
 """The path tracer in stages: a batch of paths goes together from vertex to vertex, sixteen in a register.
 
 camera -> (trace all rays -> shade all hits -> trace all shadow rays), until no path is left -> film. What is done at a
-vertex are the functions of `path`, given vectors. Paths that end make room, so that the registers stay full.
+vertex is in `vertex`, `direct` and `met`, given vectors. Paths that end make room, so that the registers stay full.
 
 A sample's light is added up in the order of its path, and a pixel's samples in the order of their numbers: what comes
-out depends neither on threads nor on where batches end.
+out depends neither on threads nor on where batches end. But where two surfaces lie in the same place, which of them a
+camera ray meets depends on the rays in its packet, and so on the region that is rendered.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..features import DARK_WORLD, Features
-from .batch import (
-    ALPHA,
-    BATCH,
-    BRINGS,
-    DIRECTION,
-    END,
-    FROM,
-    INDEX,
-    INSTANCE,
-    KEY,
-    LIGHT,
-    MET,
-    ORDER,
-    PDF,
-    PLACE,
-    START,
-    T_FAR,
-    T_NEAR,
-    THROUGHPUT,
-    TO,
-    TRIANGLE,
-    WI,
-    N,
-    P,
-    U,
-    V,
-    X,
-    Y,
-    add_at_3,
-    at_3,
-    batch_of,
-    load_3,
-    pack,
-    pack_3,
-    put_at_3,
-    store_3,
-)
+from . import rows
+from .batch import BATCH, add_at_3, at_3, batch_of, load_3, pack, pack_3, put_at_3, rays_at, store_3
 from .bsdf.diffuse import REJECTION
 from .direct import samples_lights, shadow_segment, unshadowed_light
-from .embree import is_finite
+from .film.sums import add_sample
 from .geom.surface import Hit, find_surface
-from .geom.vec import BLACK, FAR, ONE, ZERO, dot, is_black, max_component, mul, negate, scale
+from .geom.vec import BLACK, FAR, ONE, UP, ZERO, dot, is_black, mul, negate, scale
 from .jit import device, kernel
 from .met import emitted, escaped
-from .path import ROULETTE_KEEP, camera_ray, clamp_limit, last_ray_finds_light, make_vertex, reflects, scatter
 from .rays import occluded_all, trace_all
 from .records import (
     FIRST_VERTEX,
-    REJECTED,
-    ROULETTE,
     VERTEX_DECISIONS,
     WHITE,
     Light,
@@ -72,9 +33,10 @@ from .records import (
     clamped,
     without_density,
 )
-from .sampler.sobol import hash_pixel, sample_1d, start_sample
+from .sampler.sobol import hash_pixel, start_sample
 from .simd import WIDTH, add_at, any_of, count, first_lanes, int32, load, no, select, store, to_index
 from .tables import CAMERA_RAY, DIFFUSE_RAY
+from .vertex import camera_ray, clamp_limit, last_ray_finds_light, make_vertex, reflects, roulette, scatter
 
 NONE = np.int64(0)  # not a plain 0, see `tables.words`
 
@@ -95,11 +57,12 @@ def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y,
     words, n, adaptive = batch.sample_words, NONE, active.size > 1
     while n < BATCH and y < tile[3]:
         if done < sample_count and (not adaptive or active[y - origin[1], x - origin[0]]):
-            words[X, n], words[Y, n], words[INDEX, n] = np.uint32(x), np.uint32(y), np.uint32(first_sample + done)
+            words[rows.X, n], words[rows.Y, n] = np.uint32(x), np.uint32(y)
+            words[rows.INDEX, n] = np.uint32(first_sample + done)
             n, done = n + 1, done + 1
             continue
         done, x = NONE, x + 1
-        if x == tile[2]:
+        if x >= tile[2]:
             x, y = tile[0], y + 1
     return n, x, y, done
 
@@ -107,22 +70,12 @@ def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y,
 @device
 def _to_film(batch, n, origin, sums, samples, half, active, counters):
     """Add the batch's samples to their pixels, one after the other."""
-    words, rows, adaptive = batch.sample_words, batch.samples, active.size > 1
+    words, found, adaptive = batch.sample_words, batch.samples, active.size > 1
     for i in range(n):
-        row, column = np.int64(words[Y, i]) - origin[1], np.int64(words[X, i]) - origin[0]
-        samples[row, column] += 1
-        red, green, blue = rows[LIGHT, i], rows[LIGHT + 1, i], rows[LIGHT + 2, i]
-        if not is_finite(red + green + blue):
-            counters[REJECTED] += 1
-            continue
-        sums[row, column, 0] += red
-        sums[row, column, 1] += green
-        sums[row, column, 2] += blue
-        sums[row, column, 3] += rows[ALPHA, i]
-        if adaptive and words[INDEX, i] % np.uint32(2) == 0:
-            half[row, column, 0] += red
-            half[row, column, 1] += green
-            half[row, column, 2] += blue
+        row, column = np.int64(words[rows.Y, i]) - origin[1], np.int64(words[rows.X, i]) - origin[0]
+        radiance = found[rows.LIGHT, i], found[rows.LIGHT + 1, i], found[rows.LIGHT + 2, i]
+        index, alpha = words[rows.INDEX, i], found[rows.ALPHA, i]
+        add_sample(row, column, index, radiance, alpha, sums, samples, half, adaptive, counters)
 
 
 # --- paths -----------------------------------------------------------------------------------------------------------
@@ -133,23 +86,23 @@ def _start_paths(f, tables, batch, n, seed):
     """The camera's rays for the batch's first n samples."""
     paths, words = batch.paths, batch.path_words
     for i in range(0, n, WIDTH):
-        x, y = load(batch.sample_words, X, i), load(batch.sample_words, Y, i)
-        key, order = start_sample(hash_pixel(x, y, seed), load(batch.sample_words, INDEX, i))
+        x, y = load(batch.sample_words, rows.X, i), load(batch.sample_words, rows.Y, i)
+        key, order = start_sample(hash_pixel(x, y, seed), load(batch.sample_words, rows.INDEX, i))
         ray, stretch = camera_ray(f, tables, Numbers(key, order, FIRST_VERTEX), x, y)
         for lane in range(WIDTH):
-            words[PLACE, i + lane] = np.uint32(i + lane)
-        store(words, KEY, i, key)
-        store(words, ORDER, i, order)
-        store_3(paths, THROUGHPUT, i, WHITE)
-        store_3(paths, P, i, ray.p)
-        store_3(paths, N, i, ray.n)
-        store_3(paths, WI, i, ray.wi)
-        store(paths, PDF, i, ray.pdf)
-        store_3(paths, START, i, stretch.start)
-        store(paths, T_NEAR, i, stretch.t_near)
-        store(paths, T_FAR, i, stretch.t_far)
-        store_3(batch.samples, LIGHT, i, BLACK)
-        store(batch.samples, ALPHA, i, ONE)
+            words[rows.PLACE, i + lane] = np.uint32(i + lane)
+        store(words, rows.KEY, i, key)
+        store(words, rows.ORDER, i, order)
+        store_3(paths, rows.THROUGHPUT, i, WHITE)
+        store_3(paths, rows.P, i, ray.p)
+        store_3(paths, rows.N, i, ray.n)
+        store_3(paths, rows.WI, i, ray.wi)
+        store(paths, rows.PDF, i, ray.pdf)
+        store_3(paths, rows.START, i, stretch.start)
+        store(paths, rows.T_NEAR, i, stretch.t_near)
+        store(paths, rows.T_FAR, i, stretch.t_far)
+        store_3(batch.samples, rows.LIGHT, i, BLACK)
+        store(batch.samples, rows.ALPHA, i, ONE)
 
 
 @device
@@ -176,27 +129,27 @@ def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last
     for i in range(0, n, WIDTH):
         paths, words = batch.paths, batch.path_words
         within = first_lanes(n - i)
-        place = to_index(select(within, load(words, PLACE, i), np.uint32(0)))
-        met = load(batch.hit_words, MET, i) != np.uint32(0)
-        ray = Ray(load_3(paths, P, i), load_3(paths, N, i), load_3(paths, WI, i), kind, load(paths, PDF, i), False)
-        light = Light(BLACK, load_3(paths, THROUGHPUT, i), clamp_limit(limits, bounces))
+        place = to_index(select(within, load(words, rows.PLACE, i), np.uint32(0)))
+        met = load(batch.hit_words, rows.MET, i) != np.uint32(0)
+        ray = rays_at(paths, i, kind)
+        light = Light(BLACK, load_3(paths, rows.THROUGHPUT, i), clamp_limit(limits, bounces))
         _add_escaped(f, tables, batch, ray, light, place, within & no(met), bounces)
         alive = within & met
         if not any_of(alive):
             continue
-        triangle, instance = load(batch.hit_words, TRIANGLE, i), int32(load(batch.hit_words, INSTANCE, i))
-        hit = Hit(to_index(triangle), instance, load(batch.hits, U, i), load(batch.hits, V, i))
+        triangle, instance = load(batch.hit_words, rows.TRIANGLE, i), int32(load(batch.hit_words, rows.INSTANCE, i))
+        hit = Hit(to_index(triangle), instance, load(batch.hits, rows.U, i), load(batch.hits, rows.V, i))
         surface = find_surface(f, tables.geometry, hit, negate(ray.wi))
         found, own = emitted(f, tables, ray, surface[0], surface[3], surface[4])
         shines = alive & no(is_black(found))
         if any_of(shines):
             contribution = clamped(f, mul(light.throughput, found), light.limit)
-            add_at_3(batch.samples, LIGHT, place, contribution, shines)
+            add_at_3(batch.samples, rows.LIGHT, place, contribution, shines)
         alive = alive & reflects(tables.geometry, surface[3])
         if last or not any_of(alive):
             continue
         vertex = make_vertex(f, tables.geometry, surface, ray, own)
-        numbers = Numbers(load(words, KEY, i), load(words, ORDER, i), dimension)
+        numbers = Numbers(load(words, rows.KEY, i), load(words, rows.ORDER, i), dimension)
         light = Light(BLACK, light.throughput, clamp_limit(limits, bounces + 1))
         if samples_lights(f):
             shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows)
@@ -209,10 +162,12 @@ def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last
 def _add_escaped(f, tables, batch, ray, light, place, missed, bounces):
     """To the samples of rays that met nothing: the light of what lies behind everything."""
     if f.transparent_film and bounces == 0:
-        add_at(batch.samples, ALPHA, place, -ONE, missed)
+        add_at(batch.samples, rows.ALPHA, place, -ONE, missed)
     if (f.world != DARK_WORLD or f.sun_disks) and any_of(missed):
-        light = Light(at_3(batch.samples, LIGHT, place), light.throughput, light.limit)
-        put_at_3(batch.samples, LIGHT, place, escaped(f, tables, ray, light).radiance, missed)
+        # The image is looked up in all lanes, also in those past the last path.
+        ray = Ray(ray.p, ray.n, select(missed, ray.wi, UP), ray.kind, ray.pdf, ray.as_shadow)
+        light = Light(at_3(batch.samples, rows.LIGHT, place), light.throughput, light.limit)
+        put_at_3(batch.samples, rows.LIGHT, place, escaped(f, tables, ray, light).radiance, missed)
 
 
 @device
@@ -223,13 +178,13 @@ def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_co
     sends = arrives & sample.shadowed & (sample.pdf > ZERO)
     at_once = arrives & no(sends)  # light that nothing shadows, and of a density that is no number
     if any_of(at_once):
-        add_at_3(batch.samples, LIGHT, place, brings, at_once)
+        add_at_3(batch.samples, rows.LIGHT, place, brings, at_once)
     direction, t_far = shadow_segment(vertex, sample)
-    pack(batch.shadow_words, TO, at_column, place, sends)
-    pack_3(batch.shadows, FROM, at_column, vertex.start, sends)
-    pack_3(batch.shadows, DIRECTION, at_column, direction, sends)
-    pack(batch.shadows, END, at_column, t_far, sends)
-    pack_3(batch.shadows, BRINGS, at_column, brings, sends)
+    pack(batch.shadow_words, rows.TO, at_column, place, sends)
+    pack_3(batch.shadows, rows.FROM, at_column, vertex.start, sends)
+    pack_3(batch.shadows, rows.DIRECTION, at_column, direction, sends)
+    pack(batch.shadows, rows.END, at_column, t_far, sends)
+    pack_3(batch.shadows, rows.BRINGS, at_column, brings, sends)
     return count(sends)
 
 
@@ -240,25 +195,23 @@ def _go_on(f, tables, batch, vertex, numbers, light, place, alive, at_column, co
     ray, value, _ = scatter(f, tables, counters, vertex, numbers, np.uint32(0))
     failed = alive & no(ray.pdf > ZERO)
     if any_of(failed):
-        add_at_3(batch.samples, LIGHT, place, mul(light.throughput, without_density(ray.pdf)), failed)
+        add_at_3(batch.samples, rows.LIGHT, place, mul(light.throughput, without_density(ray.pdf)), failed)
     alive = alive & (ray.pdf > ZERO)
     throughput = mul(light.throughput, scale(value, dot(vertex.n, ray.wi) / ray.pdf))
     if bounces > 0:
-        survival = min(ONE, math.sqrt(ROULETTE_KEEP * max_component(throughput)))
-        u = sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + ROULETTE)
-        alive = alive & no(u >= survival)
-        throughput = scale(throughput, ONE / survival)
-    pack(words, KEY, at_column, numbers.key, alive)
-    pack(words, ORDER, at_column, numbers.order, alive)
-    pack(words, PLACE, at_column, place, alive)
-    pack_3(paths, THROUGHPUT, at_column, throughput, alive)
-    pack_3(paths, P, at_column, vertex.p, alive)
-    pack_3(paths, N, at_column, vertex.n, alive)
-    pack_3(paths, WI, at_column, ray.wi, alive)
-    pack(paths, PDF, at_column, ray.pdf, alive)
-    pack_3(paths, START, at_column, vertex.start, alive)
-    store(paths, T_NEAR, at_column, ZERO)
-    store(paths, T_FAR, at_column, FAR)
+        survives, chance = roulette(tables, numbers, throughput)
+        alive, throughput = alive & survives, scale(throughput, ONE / chance)
+    pack(words, rows.KEY, at_column, numbers.key, alive)
+    pack(words, rows.ORDER, at_column, numbers.order, alive)
+    pack(words, rows.PLACE, at_column, place, alive)
+    pack_3(paths, rows.THROUGHPUT, at_column, throughput, alive)
+    pack_3(paths, rows.P, at_column, vertex.p, alive)
+    pack_3(paths, rows.N, at_column, vertex.n, alive)
+    pack_3(paths, rows.WI, at_column, ray.wi, alive)
+    pack(paths, rows.PDF, at_column, ray.pdf, alive)
+    pack_3(paths, rows.START, at_column, vertex.start, alive)
+    store(paths, rows.T_NEAR, at_column, ZERO)
+    store(paths, rows.T_FAR, at_column, FAR)
     return count(alive)
 
 

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..accel import Accel
+from ..errors import SceneError
 from ..features import Features
 from ..kernels.camera import pack_camera
 from ..kernels.film.filter import build_filter_table
@@ -21,6 +22,12 @@ from ..settings import CHOICES, Settings
 from .geometry import pack_geometry
 from .lights import pack_lights
 from .middle import to_the_middle
+
+# Kernels count places in a table with 31 bits.
+MOST_NUMBERS = 1 << 31
+COUNTED = {
+    "vertices": "vertices", "triangles": "triangles", "normals": "normals", "transforms": "instances", "lamps": "lamps",
+}  # fmt: skip
 
 # The same from render to render.
 filter_table = lru_cache(4)(build_filter_table)
@@ -42,11 +49,25 @@ class Packed:
     accel: Accel
 
 
+def _check_sizes(geometry: Geometry, lights: Lights) -> None:
+    """Raises SceneError where a table is too large for the kernels."""
+    for name, what in COUNTED.items():
+        table = getattr(lights if name == "lamps" else geometry, name)
+        if table.size > MOST_NUMBERS:
+            most = MOST_NUMBERS * len(table) // table.size
+            raise SceneError(
+                f"the scene has {len(table):,} {what}, and {most:,} can be rendered: use fewer, for instance with "
+                "lower levels of subdivision or with instances of a mesh"
+            )
+
+
 def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Packed:
-    """Pack and build. The scene must have passed `Scene.validate`. Raises accel.BuildStopped once `halt` is set."""
+    """Pack and build. The scene must have passed `Scene.validate`. Raises SceneError where it is too large, and
+    accel.BuildStopped once `halt` is set."""
     scene = to_the_middle(scene)
     geometry = pack_geometry(scene)
     lights = pack_lights(scene, geometry)
+    _check_sizes(geometry.tables, lights.tables)
     accel = Accel([*geometry.shapes, *lights.shapes], halt)
     kind = np.concatenate([geometry.tables.kind, lights.shape_kind]).astype(np.int32)
     base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)

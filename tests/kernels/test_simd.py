@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
 from engine.kernels.geom import elementary
 from engine.kernels.geom.vec import ONE, ZERO
@@ -15,11 +17,13 @@ from engine.kernels.simd import (
     add_at,
     any_of,
     at,
+    bits_of,
     compress,
     count,
     first_lanes,
     float32,
     float64,
+    float_of,
     floor,
     int32,
     lanes,
@@ -29,6 +33,7 @@ from engine.kernels.simd import (
     put_at,
     row_at,
     select,
+    spread,
     store,
     store_parts,
     to_index,
@@ -75,6 +80,103 @@ def test_operators(numbers) -> None:
 
 
 @kernel
+def smaller_and_larger(x, out):
+    """Of scalars into the first rows, of vectors into those behind."""
+    for i in range(x.shape[1]):
+        out[0, i], out[1, i] = min(x[0, i], x[1, i]), max(x[0, i], x[1, i])
+    for i in range(0, x.shape[1], WIDTH):
+        a, b = load(x, 0, i), load(x, 1, i)
+        store(out, 2, i, min(a, b))
+        store(out, 3, i, max(a, b))
+
+
+def test_min_and_max_are_those_of_scalars_to_the_bit() -> None:
+    some = np.array([np.nan, -np.inf, -1, -0.0, 0.0, 1, np.inf, 2], np.float32)
+    x = np.stack([np.repeat(some, len(some)), np.tile(some, len(some))])
+    out = np.zeros((4, x.shape[1]), np.float32)
+    smaller_and_larger(x, out)
+    ordinary = np.isfinite(x).all(axis=0)
+    assert np.array_equal(out[0, ordinary], x.min(axis=0)[ordinary])
+    assert np.array_equal(out[:2].view(np.uint32), out[2:].view(np.uint32))
+
+
+@kernel
+def whole_numbers(words, out):
+    for i in range(0, words.shape[1], WIDTH):
+        a, b = load(words, 0, i), load(words, 1, i)
+        store(out, 0, i, select(a < b, np.uint32(1), np.uint32(0)))
+        store(out, 1, i, uint32(select(int32(a) < int32(b), np.int32(1), np.int32(0))))
+        store(out, 2, i, uint32(int32(a) >> np.int32(3)))
+        store(out, 3, i, a >> np.uint32(3))
+        store(out, 4, i, uint32(bits_of(float_of(a) * np.float32(2))))
+        store(out, 5, i, uint32(min(int32(a), int32(b))) ^ max(a, b))
+
+
+def test_signed_and_unsigned_numbers() -> None:
+    words = np.random.default_rng(6).integers(0, 1 << 32, (2, N), np.uint32)
+    words[0, :4] = 0x80000000, 0x7FFFFFFF, 0xFFFFFFFF, 0x3F800000
+    words[1, :4] = 0x7FFFFFFF, 0x80000000, 0x00000000, 0x3F800000
+    out = np.zeros((6, N), np.uint32)
+    whole_numbers(words, out)
+    (a, b), (c, d) = words, words.view(np.int32)
+    assert np.array_equal(out[0], a < b) and np.array_equal(out[1], c < d)
+    assert np.array_equal(out[2].view(np.int32), c >> 3) and np.array_equal(out[3], a >> 3)
+    assert np.array_equal(out[5], np.minimum(c, d).view(np.uint32) ^ np.maximum(a, b))
+    with np.errstate(all="ignore"):
+        twice = a.view(np.float32) * np.float32(2)
+    ordinary = np.isfinite(twice) & (np.abs(twice) > 1e-37)
+    assert np.array_equal(out[4][ordinary], twice.view(np.uint32)[ordinary]) and ordinary.sum() > N / 2
+
+
+@kernel
+def scalar_first(x, out):
+    for i in range(0, N, WIDTH):
+        a, word = load(x, 0, i), uint32(int32(abs(load(x, 1, i)) * np.float32(9)))
+        store(out, 0, i, np.float32(3) - a)
+        store(out, 1, i, ONE / a)
+        store(out, 2, i, select(ONE < a, np.float32(2), a))  # noqa: SIM300
+        store(out, 3, i, min(ONE, a) + max(ZERO, a))
+        store(out, 4, i, float32(int32(np.uint32(4096) >> word)))
+        store(out, 5, i, 2 * a - 1)
+
+
+def test_a_scalar_may_stand_first(numbers) -> None:
+    out = np.zeros((6, N), np.float32)
+    scalar_first(numbers, out)
+    a, word = numbers[0], (np.abs(numbers[1]) * np.float32(9)).astype(np.uint32)
+    expected = (
+        3 - a,
+        1 / a,
+        np.where(a > 1, 2, a),
+        np.minimum(1, a) + np.maximum(0, a),
+        np.uint32(4096) >> np.minimum(word, 31),
+        2 * a - 1,
+    )
+    defined = word < 32
+    for row, (ours, theirs) in enumerate(zip(out, expected, strict=True)):
+        assert np.allclose(ours[defined], theirs[defined], rtol=1e-6), row
+
+
+@kernel
+def chosen(x, out):
+    for i in range(0, N, WIDTH):
+        a, b = load(x, 0, i), load(x, 1, i)
+        (first, second), third = select(a < b, ((a, ONE), b), ((ZERO, b), b + ONE))
+        store(out, 0, i, first)
+        store(out, 1, i, second)
+        store(out, 2, i, third)
+        store(out, 3, i, select((a < ZERO) == (b < ZERO), select(a != b, ONE, b), ZERO))
+
+
+def test_tuples_in_tuples_are_chosen_lane_by_lane(numbers) -> None:
+    out = np.zeros((4, N), np.float32)
+    chosen(numbers, out)
+    a, b = numbers[:2]
+    expected = np.where(a < b, a, 0), np.where(a < b, 1, b), np.where(a < b, b, b + 1), (a < 0) == (b < 0)
+    assert np.array_equal(out, np.stack(expected).astype(np.float32))
+
+
+@kernel
 def memory(table, rows, columns, out, sums, places):
     """out: looked up places; whole rows, added up; what is below 0 side by side. Returns how many are."""
     kept = 0
@@ -110,6 +212,72 @@ def test_lanes_look_up_and_write_places_of_their_own() -> None:
     assert np.allclose(sums[0], added) and np.array_equal(sums[1], put)
     assert np.array_equal(out[3, :N], np.tile(np.arange(WIDTH), N // WIDTH))
     assert np.array_equal(out[4, :N], np.arange(N) < N - 5)
+
+
+@kernel
+def odd_tables(bytes_, cube, strided, index, out):
+    for i in range(0, N, WIDTH):
+        k = load(index, 0, i)
+        store(out, 0, i, float32(int32(at(bytes_, k))))
+        store(out, 1, i, at(cube, k & np.uint32(3), 2, k >> np.uint32(3)))
+        store(out, 2, i, at(strided, k & np.uint32(3), k >> np.uint32(3)))
+        store(out, 3, i, at(strided, 3, k >> np.uint32(3)))
+
+
+def test_tables_of_bytes_of_three_dimensions_and_with_gaps() -> None:
+    generator = np.random.default_rng(7)
+    k = generator.integers(0, 64, (1, N)).astype(np.uint32)
+    bytes_, cube = generator.integers(0, 256, 64).astype(np.uint8), generator.random((4, 5, 8), np.float32)
+    strided = generator.random((8, 20), np.float32)[::2, 3:19:2]
+    out = np.zeros((4, N), np.float32)
+    odd_tables(bytes_, cube, strided, k, out)
+    low, high = k[0] & 3, k[0] >> 3
+    expected = bytes_[k[0]], cube[low, 2, high], strided[low, high], strided[3, high]
+    assert np.array_equal(out, np.stack(expected).astype(np.float32)) and bytes_.max() > 127
+
+
+@kernel
+def wild(sums, words, places, mask, out):
+    value = load(out, 0, 0)
+    put_at(sums, (1, load(places, 0, 0)), value, load(mask, 0, 0) != np.uint32(0))
+    add_at(sums, 2, load(places, 0, 0), value, load(mask, 0, 0) != np.uint32(0))
+    put_at(words, load(places, 0, 0), np.uint32(7), load(mask, 0, 0) != np.uint32(0))
+
+
+def test_lanes_that_write_nothing_may_point_anywhere() -> None:
+    """Far outside of the process's memory, so that a touch ends it, and at a place that another lane writes."""
+    sums, words, mask = np.ones((4, WIDTH), np.float32), np.ones(WIDTH, np.uint32), np.zeros((1, WIDTH), np.uint32)
+    places = np.full((1, WIDTH), 0x7FFFFFFF, np.uint32)
+    places[0, ::3], places[0, 1::3] = 0x80000000, 5
+    mask[0, [4, 7]], places[0, [4, 7]] = 1, (5, 11)
+    out = np.arange(WIDTH, dtype=np.float32)[None]
+    wild(sums, words, places, mask, out)
+    expected = np.ones((4, WIDTH), np.float32)
+    expected[1, [5, 11]], expected[2, [5, 11]] = (4, 7), (5, 8)
+    assert np.array_equal(sums, expected) and np.array_equal(np.flatnonzero(words == 7), [5, 11])
+
+
+@kernel
+def moved(x, limit, out):
+    for i in range(0, N, WIDTH):
+        a = load(x, 0, i)
+        store(out, 0, i, compress(a, a > limit))
+        if any_of(a > limit):
+            store(out, 1, i, spread(a, a > limit))
+            store(out, 2, i, float32(int32(compress(uint32(int32(a)), a > limit))))
+
+
+@pytest.mark.parametrize("limit", [-9, 0, 2])
+def test_compress_leaves_zeros_and_spread_the_first_lane(numbers, limit) -> None:
+    out = np.zeros((3, N), np.float32)
+    moved(numbers, np.float32(limit), out)
+    for block in range(0, N, WIDTH):
+        a, ours = numbers[0, block : block + WIDTH], out[:, block : block + WIDTH]
+        kept = a[a > limit]
+        assert np.array_equal(ours[0], np.pad(kept, (0, WIDTH - len(kept))))
+        if len(kept):
+            assert np.array_equal(ours[1], np.where(a > limit, a, kept[0]))
+            assert np.array_equal(ours[2], np.pad(np.trunc(kept), (0, WIDTH - len(kept))))
 
 
 @kernel
@@ -182,3 +350,30 @@ def test_exp_underflows_to_almost_nothing() -> None:
     out = np.zeros((12, WIDTH), np.float32)
     functions(x, out)
     assert 0 < out[0, 0] < 2e-38 and 0 < out[6, 0] < 2e-38
+
+
+FLOATS, WORDS, BYTES = (np.zeros((1, 64), kind) for kind in (np.float32, np.uint32, np.uint8))
+REFUSED = {
+    "more digits": (lambda x, w, b: store(x, 0, 0, load(x, 0, 0) * 0.5), "cast one"),
+    "kinds mixed": (lambda x, w, b: store(x, 0, 0, load(x, 0, 0) * load(w, 0, 0)), "cast one"),
+    "masks in order": (lambda x, w, b: any_of((load(x, 0, 0) > ZERO) < (load(x, 0, 0) > ONE)), "means nothing"),
+    "bits of floats": (lambda x, w, b: store(x, 0, 0, load(x, 0, 0) & load(x, 0, 0)), "means nothing"),
+    "select int64": (lambda x, w, b: store(x, 0, 0, select(load(x, 0, 0) > ZERO, 1, 0)), "select between"),
+    "select kinds": (lambda x, w, b: store(x, 0, 0, select(load(x, 0, 0) > ZERO, ONE, np.uint32(0))), "select between"),
+    "select vectors": (lambda x, w, b: store(x, 0, 0, select(load(x, 0, 0) > ZERO, load(w, 0, 0), ONE)), "select betw"),
+    "float as word": (lambda x, w, b: store(w, 0, 0, load(x, 0, 0)), "not stored"),
+    "scalar as word": (lambda x, w, b: store(w, 0, 0, ONE), "not stored"),
+    "float put": (lambda x, w, b: put_at(w, (0, lanes()), load(x, 0, 0), load(x, 0, 0) > ZERO), "not stored"),
+    "word added": (lambda x, w, b: add_at(x, 0, lanes(), load(w, 0, 0), load(x, 0, 0) > ZERO), "not stored"),
+    "added to words": (lambda x, w, b: add_at(w, 0, lanes(), ONE, load(x, 0, 0) > ZERO), "not stored"),
+    "bytes side by side": (lambda x, w, b: store(w, 0, 0, load(b, 0, 0)), "vectors are of"),
+    "into bytes": (lambda x, w, b: store(b, 0, 0, load(w, 0, 0)), "vectors are of"),
+    "with gaps": (lambda x, w, b: store(x, 0, 0, load(x[:, ::2], 0, 0)), "C array"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_makes_no_sense_is_refused(name) -> None:
+    function, problem = REFUSED[name]
+    with pytest.raises(TypingError, match=problem):
+        numba.njit(function)(FLOATS, WORDS, BYTES)

@@ -17,13 +17,13 @@ BROKEN = """
 import json, sys
 import numpy as np
 import engine.kernels.direct as direct
-import engine.kernels.path as path
+import engine.kernels.vertex as vertex
 from engine.kernels.jit import device
 from engine.kernels.light.emitters import LightSample
 from engine.kernels.simd import select
 
 NAN = np.float32("nan")
-sample, sample_light = path.sample, direct.sample_light
+sample, sample_light = vertex.sample, direct.sample_light
 
 @device
 def broken_sample(phong, hemisphere, surface, wo, n, ng, u, u1, u2, state):
@@ -37,7 +37,7 @@ def broken_light(f, geometry, lights, environment, tree, p, n, own, u, u1, u2):
     pdf = select(u1 > np.float32(0.9), NAN, l.pdf)
     return LightSample(l.wi, l.t, l.radiance, pdf, l.alone, l.shadowed, l.mask)
 
-path.sample, direct.sample_light = broken_sample, broken_light
+vertex.sample, direct.sample_light = broken_sample, broken_light
 
 import engine, scenes
 from engine import Settings

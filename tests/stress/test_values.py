@@ -288,3 +288,12 @@ def test_a_hole_is_caught():
     scene.world = World(color=(1e6,) * 3)
     with pytest.raises(AssertionError, match="expected"):
         check(scene, 0.5 * (1 + 0.5 + 0.25), max_bounces=1)
+
+
+def test_lamps_that_send_next_to_nothing():
+    """The light tree shares out the smallest numbers that there are: a reciprocal of their sum would be infinite."""
+    scene = scenes.lamp_room(["area", "area"], 16)
+    scene.lights = [replace(lamp, size_y=1e-45) for lamp in scene.lights]
+    result = render_compiled(scene, Settings(samples=64, max_bounces=2, threads=1))
+    assert result.rejected == 0
+    assert np.isfinite(result.pixels).all()

@@ -33,6 +33,7 @@ FAR = np.float32(np.inf)
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear RGB, Rec. 709
 RED, GREEN, BLUE = LUMINANCE.astype(np.float32)
 BLACK = (ZERO, ZERO, ZERO)
+UP = (ZERO, ZERO, ONE)
 
 
 @device

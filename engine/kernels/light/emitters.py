@@ -23,7 +23,7 @@ from ...features import (
     SPHERE,
     SPOT,
 )
-from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, ZERO, cross, mul, sub
+from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, UP, ZERO, cross, mul, sub
 from ..jit import device
 from ..simd import any_of, at, int32, no, select, to_index, uint32
 from ..tables import EMISSION, LAMP_MASK, SHADOW_RAY, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED, WORLD_COLOR, WORLD_MASK
@@ -35,7 +35,6 @@ from .spherical import rectangle_pdf, sample_rectangle, sample_triangle, triangl
 from .sun import choose_sun, sample_sun, sun_probability, sun_seen
 from .tree import sample_tree, tree_probability
 
-UP = (ZERO, ZERO, ONE)
 SEES_ALL = np.uint32(7)
 NOTHING = (UP, ZERO, BLACK, ZERO, False, True, SEES_ALL)  # the fields of a LightSample that has drawn nothing
 
@@ -108,7 +107,7 @@ def _sample_local(f, geometry, lights, tree, p, n, own, u, share, u1, u2):
             i = to_index(select(lamp, emitter, np.int32(0)))
             drawn = select(lamp, _sample_lamp(f, lights, i, p, n, u1, u2), drawn)
     wi, t, radiance, pdf, alone, shadowed, mask = drawn
-    return wi, t, radiance, select(emitter == own, ZERO, pdf * chosen * share), alone, shadowed, mask
+    return wi, t, radiance, select(no(lit) | (emitter == own), ZERO, pdf * chosen * share), alone, shadowed, mask
 
 
 @device

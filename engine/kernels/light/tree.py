@@ -143,10 +143,10 @@ def sample_tree(tree, p, n, u):
         k = select(descends, child, np.int32(0))  # where others have arrived already, any node will do
         left, right = _importance(nodes, k, p, n), _importance(nodes, int32(k + np.int32(1)), p, n)
         total = left + right
-        lit, share = total > ZERO, left / total
-        to_left = u < share
-        share = select(to_left, share, right / total)
-        rest = select(to_left, u, max(u - (ONE - share), ZERO)) / share
+        lit, share_of_left = total > ZERO, left / total
+        to_left = u < share_of_left
+        share = select(to_left, share_of_left, ONE - share_of_left)
+        rest = select(to_left, u, u - share_of_left) / share
         u = select(descends & lit, min(rest, LAST_BELOW_ONE), u)
         probability = select(descends, select(lit, probability * share, ZERO), probability)
         k = int32(k + select(to_left, np.int32(0), np.int32(1)))
@@ -169,7 +169,8 @@ def tree_probability(tree, emitter, p, n):
         total = left + right
         turns = at(tree.paths, emitter, depth >> 5) >> np.uint32(depth & 31)
         to_left = (turns & np.uint32(1)) == np.uint32(0)
-        share = select(total > ZERO, select(to_left, left, right) / total, ZERO)
+        # Not right / total: two quotients may become one reciprocal, which of the smallest totals is infinite.
+        share = select(total > ZERO, select(to_left, left / total, ONE - left / total), ZERO)
         probability = select(descends, probability * share, probability)
         k = int32(k + select(to_left, np.int32(0), np.int32(1)))
         child = select(descends, at(integers, k, CHILD), child)

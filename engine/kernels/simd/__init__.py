@@ -17,6 +17,7 @@ from .arithmetic import (
     int32,
     no,
     select,
+    spread,
     to_index,
     uint32,
 )
@@ -44,6 +45,7 @@ __all__ = [
     "put_at",
     "row_at",
     "select",
+    "spread",
     "store",
     "store_parts",
     "to_index",

@@ -11,12 +11,30 @@ import operator
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic
 
 from ..jit import FASTMATH
-from .types import F32, F64, I1, I32, I64, MASK, U32, WIDTH, FloatVector, IntVector, MaskVector, Vector, filled, widen
+from .types import (
+    F32,
+    F64,
+    I1,
+    I32,
+    I32_WORD,
+    I64,
+    MASK,
+    U32,
+    WIDTH,
+    FloatVector,
+    IntVector,
+    MaskVector,
+    Vector,
+    filled,
+    splat,
+    widen,
+)
 
 _SCALARS = (types.Number, types.Boolean)
 
@@ -33,12 +51,14 @@ def plain(ty):
     return types.unliteral(ty)
 
 
-def _common(a, b) -> Vector | None:
-    """The vector type of an operation on these, if one is a vector and the other fits."""
-    vector, other = (a, b) if isinstance(a, Vector) else (b, a)
-    if not isinstance(vector, Vector) or not (vector == other or vector.takes(other)):
-        return None
-    return vector
+def fits(value, vector: Vector) -> bool:
+    """Whether a value of this type is such a vector, or a scalar that becomes one."""
+    return value == vector or vector.takes(value)
+
+
+def _vector_of(args) -> Vector | None:
+    """The first vector's type, if there is one."""
+    return next((a for a in args if isinstance(a, Vector)), None)
 
 
 # --- operators -------------------------------------------------------------------------------------------------------
@@ -50,13 +70,17 @@ def _binary(operation, kinds, result, build) -> None:
     @infer_global(operation)
     class _(AbstractTemplate):
         def generic(self, args, kws):
-            vector = _common(*args) if len(args) == 2 and not kws else None
-            if vector is None or not isinstance(vector, kinds):
+            vector = _vector_of(args) if len(args) == 2 and not kws else None
+            if vector is None:
                 return None
-            return signature(result(vector), *(a if isinstance(a, Vector) else plain(a) for a in args))
+            if not isinstance(vector, kinds):
+                raise TypingError(f"{operation.__name__} means nothing for {vector}")
+            if not all(fits(a, vector) for a in args):
+                raise TypingError(f"{args[0]} {operation.__name__} {args[1]}: cast one of them to the other's type")
+            return signature(result(vector), *args)
 
     def lower(context, builder, sig, args):
-        vector = _common(*sig.args)
+        vector = _vector_of(sig.args)
         a, b = (widen(context, builder, x, t, vector) for x, t in zip(args, sig.args, strict=True))
         return build(builder, vector, a, b)
 
@@ -87,8 +111,9 @@ def _comparison(sign: str):
 
 
 def _smaller_or_larger(sign: str):
+    """As Numba does it of scalars: where neither is smaller, as beside what is no number, it is the first one."""
     less = _comparison(sign)
-    return lambda builder, vector, a, b: builder.select(less(builder, vector, a, b), a, b)
+    return lambda builder, vector, a, b: builder.select(less(builder, vector, b, a), b, a)
 
 
 def _shift_right(builder, vector, a, b):
@@ -109,7 +134,9 @@ for _names, _kinds, _build in (
 ):
     for _name in _names:
         _binary(getattr(operator, _name), _kinds, _same, _build)
-for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
+for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">=")):
+    _binary(getattr(operator, _name), _NUMBERS, lambda vector: MASK, _comparison(_sign))
+for _name, _sign in (("eq", "=="), ("ne", "!=")):
     _binary(getattr(operator, _name), (*_NUMBERS, MaskVector), lambda vector: MASK, _comparison(_sign))
 _binary(min, _NUMBERS, _same, _smaller_or_larger("<"))
 _binary(max, _NUMBERS, _same, _smaller_or_larger(">"))
@@ -151,13 +178,17 @@ _unary(operator.neg, _negated, _NUMBERS)
 
 
 def _selected(typing_context, condition, a, b):
-    """The type of `select`, or None."""
+    """The type of `select`."""
     if isinstance(a, types.BaseTuple) and isinstance(b, types.BaseTuple) and len(a) == len(b):
         return types.Tuple([_selected(typing_context, condition, x, y) for x, y in zip(a, b, strict=True)])
-    a, b = (x if isinstance(x, Vector) else plain(x) for x in (a, b))
-    if isinstance(condition, Vector) and not isinstance(a, Vector) and not isinstance(b, Vector):
-        return next(vector for vector in (F32, F64, I32, U32, MASK) if vector.element == a)
-    return typing_context.unify_pairs(a, b)
+    a, b = plain(a), plain(b)
+    if isinstance(condition, Vector) and _vector_of((a, b)) is None:
+        result = next((vector for vector in (F32, F64, I32, U32, MASK) if vector.element == a == b), None)
+    else:
+        result = typing_context.unify_pairs(a, b)
+    if result is None:
+        raise TypingError(f"select between {a} and {b}: cast them to one type that there are vectors of")
+    return result
 
 
 def _select(context, builder, result, types_, values):
@@ -196,7 +227,7 @@ def no(typing_context, condition):
     """`not condition`."""
 
     def codegen(context, builder, sig, args):
-        if sig.args[0] is MASK or sig.args[0] == MASK:
+        if sig.args[0] == MASK:
             return builder.xor(args[0], filled(MASK, 1))
         return builder.icmp_unsigned("==", args[0], args[0].type(0))
 
@@ -215,6 +246,19 @@ def any_of(typing_context, condition):
         return builder.icmp_unsigned("!=", bits, bits.type(0))
 
     return types.boolean(condition), codegen
+
+
+@intrinsic
+def spread(typing_context, value, mask):
+    """`value` in the lanes of the mask, which has some, and that of the first of them in all others: where lanes that
+    don't take part look something up, it is something that exists."""
+
+    def codegen(context, builder, sig, args):
+        bits = builder.zext(builder.bitcast(args[1], _LANES), I32_WORD)
+        first = builder.extract_element(args[0], builder.cttz(bits, I1(0)))
+        return builder.select(args[1], args[0], splat(builder, first, sig.args[0].llvm))
+
+    return value(value, mask), codegen
 
 
 @intrinsic

@@ -9,13 +9,35 @@ from llvmlite import ir
 from llvmlite.ir import instructions
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
-from .arithmetic import call
-from .types import F32, F64, I32, I32_WORD, I64, MASK, U32, WIDTH, Vector, splat, widen
+from .arithmetic import call, fits
+from .types import F32, F64, I32, I32_WORD, I64, MASK, U32, WIDTH, Vector, filled, splat, widen
 
-_VECTORS = {types.float32: F32, types.float64: F64, types.int32: I32, types.uint32: U32, types.uint8: U32}
+_VECTORS = {types.float32: F32, types.float64: F64, types.int32: I32, types.uint32: U32}
 _BYTE = ir.IntType(8)
+
+
+def _vector_of(array) -> Vector:
+    """Of numbers as this array has them."""
+    if array.dtype not in _VECTORS:
+        raise TypingError(f"vectors are of {', '.join(map(str, _VECTORS))}, not of {array.dtype}")
+    return _VECTORS[array.dtype]
+
+
+def _row_of(array) -> Vector:
+    """What lies side by side in this array."""
+    if array.layout != "C":
+        raise TypingError(f"lanes lie side by side in a C array, not in {array}: look them up with `at`")
+    return _vector_of(array)
+
+
+def _stored(value, vector: Vector) -> Vector:
+    """The vector, if the value can be written as one."""
+    if not fits(value, vector):
+        raise TypingError(f"{value} is not stored as {vector}: cast it, or take its `bits_of`")
+    return vector
 
 
 class _Places(instructions.Instruction):
@@ -48,7 +70,7 @@ def _row_place(context, builder, sig, args):
 @intrinsic
 def load(typing_context, array, row, i):
     """array[row, i : i + WIDTH]"""
-    vector = _VECTORS[array.dtype]
+    vector = _row_of(array)
 
     def codegen(context, builder, sig, args):
         return builder.load(_row_place(context, builder, sig, args), typ=vector.llvm, align=4)
@@ -59,10 +81,10 @@ def load(typing_context, array, row, i):
 @intrinsic
 def store(typing_context, array, row, i, value):
     """array[row, i : i + WIDTH] = value, a vector or a scalar for all lanes."""
-    vector = _VECTORS[array.dtype]
+    vector = _stored(value, _row_of(array))
 
     def codegen(context, builder, sig, args):
-        lanes = args[3] if isinstance(sig.args[3], Vector) else widen(context, builder, args[3], sig.args[3], vector)
+        lanes = widen(context, builder, args[3], sig.args[3], vector)
         place = builder.bitcast(_row_place(context, builder, sig, args), lanes.type.as_pointer())
         builder.store(lanes, place, align=4)
         return context.get_dummy_value()
@@ -84,7 +106,7 @@ def load_parts(typing_context, array, row, width):
     """array[:, row, :] of parts that are `width` wide, a constant, and WIDTH together."""
     if not isinstance(width, types.IntegerLiteral):
         return None  # Numba then comes back with the constant
-    vector, width = _VECTORS[array.dtype], width.literal_value
+    vector, width = _row_of(array), width.literal_value
 
     def codegen(context, builder, sig, args):
         narrow = ir.VectorType(vector.llvm.element, width)
@@ -103,11 +125,10 @@ def store_parts(typing_context, array, row, width, value):
     """array[:, row, :] = value: see `load_parts`."""
     if not isinstance(width, types.IntegerLiteral):
         return None
-    vector, width = _VECTORS[array.dtype], width.literal_value
+    vector, width = _stored(value, _row_of(array)), width.literal_value
 
     def codegen(context, builder, sig, args):
-        given = sig.args[3]
-        lanes = args[3] if isinstance(given, Vector) else widen(context, builder, args[3], given, vector)
+        lanes = widen(context, builder, args[3], sig.args[3], vector)
         for number in range(WIDTH // width):
             own = list(range(number * width, (number + 1) * width))
             part = builder.shuffle_vector(lanes, lanes, ir.Constant(ir.VectorType(I32_WORD, width), own))
@@ -138,13 +159,12 @@ def lanes(typing_context):
 
 @intrinsic
 def compress(typing_context, value, mask):
-    """The lanes of the mask moved to the front; what follows them is anything."""
+    """The lanes of the mask moved to the front, and zeros behind them."""
 
     def codegen(context, builder, sig, args):
         vector = sig.args[0]
-        undefined = ir.Constant(vector.llvm, ir.Undefined)
         name = f"llvm.experimental.vector.compress.{vector.suffix}"
-        return call(builder, name, vector.llvm, [args[0], args[1], undefined])
+        return call(builder, name, vector.llvm, [args[0], args[1], filled(vector, 0)])
 
     return value(value, mask), codegen
 
@@ -202,7 +222,9 @@ def _gather(builder, vector, places, mask, bits):
 def at(typing_context, array, *indices):
     """array[indices]: one place for each lane where an index is a vector. Every lane's place must exist."""
     given = types.StarArgTuple.from_types(indices)
-    result = _VECTORS[array.dtype] if any(isinstance(index, Vector) for index in indices) else array.dtype
+    result = array.dtype
+    if any(isinstance(index, Vector) for index in indices):
+        result = U32 if result == types.uint8 else _vector_of(array)
 
     def codegen(context, builder, sig, args):
         ty, index_types = sig.args[0], list(sig.args[1])
@@ -234,7 +256,7 @@ def _transposed(builder, rows: list) -> list:
 def row_at(typing_context, array, row):
     """The WIDTH words of a row of a C array (rows, WIDTH). For vectors each lane's row is one load, and the lot of
     them is turned about: that takes half the time of looking up each word."""
-    words = _VECTORS[array.dtype] if isinstance(row, Vector) else array.dtype
+    words = _row_of(array) if isinstance(row, Vector) else array.dtype
     result = types.UniTuple(words, WIDTH)
 
     def codegen(context, builder, sig, args):
@@ -267,6 +289,8 @@ def _scatter(builder, vector, places, value, mask):
 @intrinsic
 def put_at(typing_context, array, place, value, mask):
     """array[place] = value where the mask says so, of one number or in lanes whose places differ. Words of 4 bytes."""
+    if isinstance(mask, Vector):
+        _stored(value, _vector_of(array))
 
     def codegen(context, builder, sig, args):
         ty, element = sig.args[0], sig.args[0].dtype
@@ -291,6 +315,7 @@ def put_at(typing_context, array, place, value, mask):
 @intrinsic
 def add_at(typing_context, array, row, index, value, mask):
     """array[row, index] += value in the lanes of the mask, whose indices all differ. float32."""
+    _stored(value, F32), _stored(F32, _vector_of(array))
 
     def codegen(context, builder, sig, args):
         places = _lane_places(context, builder, sig.args[0], args[0], sig.args[1:3], args[1:3])

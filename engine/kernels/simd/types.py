@@ -32,7 +32,8 @@ class Vector(types.Type):
 
     def takes(self, other: types.Type) -> bool:
         """Whether a scalar of this type becomes such a vector. A float64 does not become a F32: that would hide
-        where a formula is calculated in more digits than was meant."""
+        where a formula is calculated in more digits than was meant. An integer does become 32 bits, and wraps: Numba's
+        are 64 bits wide once they have been calculated with."""
         if isinstance(self.element, types.Float):
             return other == self.element or isinstance(other, types.IntegerLiteral)
         return isinstance(other, self.scalars)
