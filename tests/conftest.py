@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -52,6 +54,23 @@ def record(request: pytest.FixtureRequest) -> Callable[[str, tuple[str, ...], di
 def figure(request: pytest.FixtureRequest) -> Callable[[str], None]:
     """Call it with a line for the worked claims at the end of the run, which are printed whether they held or not."""
     return lambda line: request.node.user_properties.append((FIGURE, line))
+
+
+@pytest.fixture
+def pass_as_written() -> Callable[[str, str, int], None]:
+    """`pass_as_written(file, keyword, count)`: so many tests of a file pass in a process of their own, where kernels
+    calculate as is written (see `engine/kernels/jit.py`)."""
+
+    def check(file: str, keyword: str, count: int) -> None:
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-k", keyword, file],
+            env={**os.environ, "LOBE_CALCULATE_AS_WRITTEN": "1"},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0 and f"{count} passed" in done.stdout, done.stdout
+
+    return check
 
 
 @pytest.fixture

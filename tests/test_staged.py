@@ -166,14 +166,8 @@ def test_same_bits_of_instances(monkeypatch):
 
 
 @pytest.mark.skipif(AS_WRITTEN, reason="this is that process")
-def test_both_kernels_give_the_same_bits_of_what_is_calculated_as_written():
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-k", "test_same_bits", __file__],
-        env={**os.environ, "LOBE_CALCULATE_AS_WRITTEN": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0 and f"{len(BITS) + 1} passed" in done.stdout, done.stdout
+def test_both_kernels_give_the_same_bits_of_what_is_calculated_as_written(pass_as_written):
+    pass_as_written(__file__, "test_same_bits", len(BITS) + 1)
 
 
 # What Embree says that it has code for is no more than packets of so many.

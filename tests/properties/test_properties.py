@@ -7,9 +7,6 @@ same in every run, so a failure is one that the code has made.
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import threading
 from contextlib import nullcontext
 from dataclasses import replace
@@ -312,14 +309,8 @@ def test_no_bit_can_be_changed_unseen(monkeypatch):
 
 
 @pytest.mark.skipif(AS_WRITTEN, reason="this is that process")
-def test_features_that_a_scene_does_not_use_change_no_bit_of_what_is_calculated_as_written():
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-k", "test_no_bit", __file__],
-        env={**os.environ, "LOBE_CALCULATE_AS_WRITTEN": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0 and f"{len(KERNELS) + 1} passed" in done.stdout, done.stdout
+def test_features_that_a_scene_does_not_use_change_no_bit_of_what_is_calculated_as_written(pass_as_written):
+    pass_as_written(__file__, "test_no_bit", len(KERNELS) + 1)
 
 
 def test_a_feature_that_changes_the_picture_is_noticed(monkeypatch):
