@@ -21,6 +21,7 @@ import numpy as np
 from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
+from .kernels.batch import BATCH
 from .kernels.embree import build_monitor, lamp_filter
 from .kernels.jit import lost_cache
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
@@ -34,6 +35,7 @@ from .settings import Settings
 FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a picture stands early
 PASS_SAMPLES = 32  # samples of every pass after them
 TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
+TILES = 64  # at least, also in small pictures, as long as they fill a batch of paths
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
@@ -238,8 +240,9 @@ def _schedule(total: int) -> Iterator[tuple[int, int]]:
 
 def _tiles(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[int, int, int, int]]:
     """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets."""
-    side = max(4, 1 << (int(TILE_SAMPLES / samples).bit_length() // 2))
     x0, y0, x1, y1 = region
+    size = min(max((x1 - x0) * (y1 - y0) * samples // TILES, BATCH), TILE_SAMPLES)
+    side = max(4, 1 << ((size // samples).bit_length() // 2))
     for y in range(y0, y1, side):
         for x in range(x0, x1, side):
             yield x, y, min(x + side, x1), min(y + side, y1)

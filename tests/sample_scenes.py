@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from stress import moves
-
 from engine.scene import Scene
 
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
@@ -19,11 +17,9 @@ def sample_scene(name: str, width: int = 48) -> Scene:
     from tools.lobe_blender import enable_lobe
 
     enable_lobe()
-    import bpy
-    from bl_ext.user_default.lobe.addon.export import export_scene
-
     from tools import blender_render
+    from tools.exported import exported
 
     scene = blender_render.open_blend(FOLDER / f"{name}.blend")
     scene.render.resolution_percentage = max(1, round(100 * width / scene.render.resolution_x))
-    return moves.adopted(export_scene(bpy.context.evaluated_depsgraph_get()))
+    return exported()

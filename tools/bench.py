@@ -2,7 +2,7 @@
 
 Renders both engines in turn at 1, 4, 16, ... samples from several seeds, measures their errors against a reference of
 both, and says how many times longer Cycles takes to the same error. `--ceiling` compares Lobe's time with its rays'
-alone. Every finished render is kept in out/bench/:
+alone, `--features` with that of a kernel that skips less. Every finished render is kept in out/bench/:
 after an interruption the same command goes on where it was. The work is done by benchmarks/convergence/; tables,
 plots and the page go to benchmarks/results/, the table for the README to standard output. Exit code 0; 1 when the
 engines' long renders of a scene differ, 2 for what the user can mend, 130 after Ctrl-C.
@@ -73,6 +73,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     )
     parser.add_argument("--ceiling", action="store_const", dest="question", const=ceiling,
                         help="another question: how near is a render's time to that of its rays alone?")  # fmt: skip
+    parser.add_argument("--features", action="store_const", dest="question", const=features,
+                        help="another question: what does it save to skip what a scene doesn't need?")  # fmt: skip
     parser.set_defaults(question=convergence)
     return parser.parse_args(arguments)
 
@@ -141,6 +143,16 @@ def ceiling(options: argparse.Namespace, say) -> int:
             [str(path) for path in paths], options.resolution, options.threads, options.seeds, options.results
         )
     )
+    return 0
+
+
+def features(options: argparse.Namespace, say) -> int:
+    """Renders with and without each feature; as many pairs as there are seeds."""
+    from benchmarks import features
+
+    paths = scene_paths(options.scenes)
+    common.enable_lobe()
+    say(features.table(paths, options.resolution, options.threads, options.seeds, options.results))
     return 0
 
 

@@ -6,7 +6,7 @@ This is the only module that knows both sides: the scene description above and t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -31,7 +31,7 @@ COUNTED = {
 
 # The same from render to render.
 filter_table = lru_cache(4)(build_filter_table)
-sobol_table = lru_cache(4)(build_sobol_table)
+sobol_table = cache(build_sobol_table)
 
 
 @dataclass
@@ -94,6 +94,6 @@ def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Pa
         tree=lights.tree,
         camera=pack_camera(camera, scene.width, scene.height),
         filter_table=filter_table(settings.pixel_filter, settings.filter_width),
-        sampler=sobol_table(settings.seed),
+        sampler=sobol_table(),
         accel=accel,
     )

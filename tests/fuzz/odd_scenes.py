@@ -21,11 +21,11 @@ from unittest import mock
 
 import numpy as np
 import scenes
-from forcing import everything_on
 
 import engine
 import engine.pack.geometry as packing
 from engine import Aperture, Instances, LobeError, Material, Mesh, Scene, Settings, Visibility, World
+from tools.forcing import everything_on
 
 SECONDS = 0.3  # after them a render has to end: odd resolutions and counts may be valid and large
 # What is asked of a picture holds below this; above, sums of valid energies overflow, which the render report says.

@@ -9,12 +9,12 @@ import sys
 import numpy as np
 import pytest
 import scenes
-from forcing import everything_on
 from fuzz import odd_scenes
 
 import engine.validate as validate
 from engine import SceneError, Settings, render
 from tools import fuzz
+from tools.forcing import everything_on
 
 CASES, MANY_CASES = 600, 100_000
 # A child that goes wrong in each way that the parent has to notice, at its cases 2, 5 and 7.

@@ -16,7 +16,6 @@ from unittest import mock
 import numpy as np
 import pytest
 import scenes
-from forcing import EVERYTHING, everything_on, everything_staged_on, forced
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from properties.strategies import small_scenes
@@ -35,6 +34,7 @@ from engine.features import (
     Features,
 )
 from engine.kernels.jit import AS_WRITTEN
+from tools.forcing import EVERYTHING, everything_on, everything_staged_on, forced
 from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8

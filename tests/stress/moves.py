@@ -5,8 +5,6 @@ Every function gives a new `engine.Scene`; meshes and images are shared with the
 
 from __future__ import annotations
 
-import dataclasses
-import enum
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -165,15 +163,3 @@ def difference(a: np.ndarray, b: np.ndarray) -> Difference:
     mean = b.reshape(-1, 3).mean(axis=0)
     scale = np.where(mean > 0, mean, 1.0)  # nothing is relative to black
     return Difference(d.mean(axis=0) / scale, QUANTILE * d.std(axis=0, ddof=1) / np.sqrt(len(d)) / scale)
-
-
-def adopted(other) -> Scene:
-    """A scene of the add-on's copy of the engine, whose classes are others of the same names, as one of `engine`."""
-    if dataclasses.is_dataclass(other):
-        kind = getattr(engine.scene, type(other).__name__)
-        return kind(**{field.name: adopted(getattr(other, field.name)) for field in dataclasses.fields(other)})
-    if isinstance(other, list):
-        return [adopted(item) for item in other]
-    if isinstance(other, enum.IntFlag):
-        return engine.scene.Visibility(int(other))
-    return other

@@ -136,12 +136,11 @@ PACKINGS = ("as it is", "by the engine", "two bodies")  # of which the engine ma
 TURN = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
 TURNED = replace(MESHES["cube"], vertices=(MESHES["cube"].vertices @ TURN).astype(np.float32))
 BODIES = {**MESHES, "turned cube": TURNED}
-# Lost rays that are allowed, as a share, of those that don't aim at an edge. A body as the engine packs it loses none.
-# Elsewhere a point right beside an edge may be rounded past the next wall, and the step off its own wall doesn't bring
-# it back: by the distance from the origin, where walls meet at right angles. A sphere's hardly do.
-PAST_THE_NEXT_WALL = {"0": 0.0, "1e3": 2e-5, "1e4": 1e-4, "1e5": 2e-3}
-EMBREES_OWN = {"0": 0.0, "1e3": 0.0, "1e4": 0.0, "1e5": 2e-5}
-AIMED = 0.4  # of those that do: there, every second of the directions from a wall leads through the next
+# Lost rays that are allowed, as a share, where a body stands at 1e5 as it is: there its triangles are so coarse that a
+# point beside an edge may lie past the next wall, if the walls meet at right angles. Elsewhere: none.
+PAST_THE_NEXT_WALL, EMBREES_OWN = 1e-2, 2e-5
+# Of rays that aim at a vertex, so many may slip out right there: at a sphere's pole 64 slivers meet.
+PAST_A_VERTEX = 1e-2
 
 
 def aimed(mesh: Mesh, aim: str, place: np.ndarray, origins: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -172,14 +171,11 @@ def placed(mesh: Mesh, offset: str, packing: str) -> tuple[Scene, np.ndarray]:
     return scene, scene.camera.transform[:, 3]
 
 
-def allowed(mesh: str, offset: str, packing: str, aim: str) -> float:
+def allowed(mesh: str, offset: str, packing: str) -> float:
     """A share of the rays."""
-    if aim in ("edges", "vertices"):
-        return AIMED
-    if packing == "by the engine":
+    if offset != "1e5" or packing != "as it is":
         return 0.0
-    by_distance = EMBREES_OWN if mesh == "sphere" else PAST_THE_NEXT_WALL
-    return by_distance["1e4" if packing == "two bodies" else offset]
+    return EMBREES_OWN if mesh == "sphere" else PAST_THE_NEXT_WALL
 
 
 @pytest.mark.long
@@ -198,9 +194,10 @@ def test_ten_million_rays(mesh, offset, packing, record):
         counts = leave(scene, origins, aimed(body, aim, middle, origins, random), seed=12).tolist()
         row = {"mesh": mesh, "offset": offset, "packed": packing, "rays": aim, "number": count}
         row |= dict(zip(("missed", "met again", "escaped"), counts, strict=True))
-        limit = allowed(mesh, offset, packing, aim)
+        limit = allowed(mesh, offset, packing)
         record("rays", ("mesh", "offset", "packed", "rays"), {**row, "allowed": f"{limit:g}"})
-        if counts[AGAIN] or sum(counts) > limit * count:
+        slips = PAST_A_VERTEX if aim == "vertices" else limit
+        if counts[AGAIN] or counts[MISSED] > slips * count or counts[ESCAPED] > limit * count:
             lost[aim] = counts
     assert not lost
 

@@ -5,7 +5,8 @@ wherever the ray came from. Rays that leave start from `offset_origin`, off the 
 Waechter & Binder do in "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems 2019, ch. 6), but
 for the triangle at hand (Pharr et al., Physically Based Rendering, 4th ed., 6.8.6). A bound that knows only the point
 is too short on large triangles that pass near the world's origin, and so long far from it, or in scenes of a few
-micrometres, that rays start behind the next wall.
+micrometres, that rays start behind the next wall. A point nearer to an edge than rounding can tell is moved off it
+first, or rays would slip out between two walls.
 """
 
 from __future__ import annotations
@@ -26,11 +27,14 @@ from .vec import ONE, SMALL, TINY, ZERO, add, cross, direction_and_length, dot, 
 _STEP = np.float32(16 * 2**-24)
 _SMALLEST_STEP = np.float32(2 * 2**-24)
 _AT_THE_ORIGIN = np.float32(1e-25)
-# Random slivers are met again from 1.5 roundings of what `_tilts` says of them down.
+# Random slivers are met again from 1.5 roundings of what `_sizes` says of them down.
 _TILT = np.float32(4 * 2**-24)
 # Of the square root of a triangle's area: for the sake of its neighbours, reached at an aspect ratio of some 2,000;
 # for its own, reached where all sides are 1e5 times as long as the triangle is high.
 _LONGEST_FOR_NEIGHBOURS, _LONGEST_FOR_OWN = np.float32(1 / 128), np.float32(1)
+# How far points are kept from their triangle's edges, as a part of its coordinates; at most as a part of its height, so
+# that on slivers, too, no picture shows it.
+_OFF_THE_EDGES, _FARTHEST_OFF = np.float32(16 * 2**-24), np.float32(1 / 256)
 
 
 class Hit(NamedTuple):
@@ -65,21 +69,24 @@ def find_surface(f, geometry, hit, wo):
     """
     triangle, u, v = hit.triangle, hit.u, hit.v
     a, b, c = triangle_vertices(geometry, triangle)
-    p, ng = _interpolate(a, b, c, u, v), cross(sub(b, a), sub(c, a))
+    ng = cross(sub(b, a), sub(c, a))
     n = _shading_normal(geometry, triangle, u, v, ng) if f.smooth else ng
-    material, extent, tilts = at(geometry.triangle_slot, triangle), _extent(a, b, c), _tilts(a, b, c)
+    material, extent, sizes = at(geometry.triangle_slot, triangle), _extent(a, b, c), _sizes(a, b, c)
     if f.instances:
-        placed = hit.instance >= np.int32(0)
+        placed, m = hit.instance >= np.int32(0), geometry.transforms
+        row = to_index(select(placed, hit.instance, np.int32(0)))
         if any_of(placed):
-            row, m = to_index(select(placed, hit.instance, np.int32(0))), geometry.transforms
-            p = select(placed, _to_world_point(m, row, p), p)
             ng = select(placed, _to_world_normal(m, row, ng), ng)
             n = select(placed, _to_world_normal(m, row, n), n)
-            extent, tilts = select(placed, _to_world_extent(m, row, extent, tilts), (extent, tilts))
+            extent, sizes = select(placed, _to_world_sizes(m, row, extent, sizes), (extent, sizes))
             slot = min(max(material, np.int32(0)), at(geometry.slot_count, row) - np.int32(1))
             slot = select(placed, at(geometry.slot_offset, row) + slot, np.int32(0))
             material = select(placed, at(geometry.slots, slot), material)
     ng, area = _unit_and_length(ng)
+    u, v = _off_the_edges(u, v, extent, sizes[0], area)
+    p = _interpolate(a, b, c, u, v)
+    if f.instances and any_of(placed):
+        p = select(placed, _to_world_point(m, row, p), p)
     behind = dot(ng, wo) < ZERO
     ng, n = select(behind, negate(ng), ng), select(behind, negate(n), n)
     if f.smooth:
@@ -87,7 +94,7 @@ def find_surface(f, geometry, hit, wo):
         n = select(dot(n, n) == ZERO, ng, n)  # a mesh may have normals of length zero, which say nothing
     else:
         n = ng
-    return p, n, scale(ng, _step(p, ng, extent, tilts, area)), material, triangle
+    return p, n, scale(ng, _step(p, ng, extent, sizes, area)), material, triangle
 
 
 @device
@@ -121,9 +128,9 @@ def _extent(a, b, c):
 
 
 @device
-def _tilts(a, b, c):
-    """How far rounding may tilt the normal that Embree calculates, as two volumes: of any triangle in such a box, and
-    of this one. Over the triangle's area they are heights.
+def _sizes(a, b, c):
+    """(a triangle's largest side along an axis, and how far rounding may tilt the normal that Embree calculates, as two
+    volumes: of any triangle in such a box, and of this one). Over the triangle's area they are heights.
 
     Embree takes the smaller of two products of sides for each component (`stable_triangle_normal`). So it errs little
     where one side is short, and most where a corner lies next to the middle of a side.
@@ -137,41 +144,51 @@ def _tilts(a, b, c):
         + min(abs(x[0] * y[2]), abs(y[0] * z[2])) * depth
         + min(abs(x[1] * y[0]), abs(y[1] * z[0])) * height
     )
-    return width * depth * height, own
+    return max(width, max(depth, height)), width * depth * height, own
 
 
 @device
-def _to_world_extent(m, row, e, tilts):
-    """(a bound on the coordinates that an instance's points are summed from, `_tilts` in the world). Embree
+def _to_world_sizes(m, row, e, sizes):
+    """(a bound on the coordinates that an instance's points are summed from, `_sizes` in the world). Embree
     turns rays into the instance's space, which mixes the errors of all axes, so that every axis gets the sum."""
-    total = ZERO
+    total, longest = ZERO, ZERO
     for i in range(3):
-        total += (
-            abs(at(m, row, i, 0)) * e[0]
-            + abs(at(m, row, i, 1)) * e[1]
-            + abs(at(m, row, i, 2)) * e[2]
-            + abs(at(m, row, i, 3))
-        )
+        x, y, z = abs(at(m, row, i, 0)), abs(at(m, row, i, 1)), abs(at(m, row, i, 2))
+        total += x * e[0] + y * e[1] + z * e[2] + abs(at(m, row, i, 3))
+        longest = max(longest, x + y + z)
     x = (at(m, row, 0, 0), at(m, row, 1, 0), at(m, row, 2, 0))
     y = (at(m, row, 0, 1), at(m, row, 1, 1), at(m, row, 2, 1))
     z = (at(m, row, 0, 2), at(m, row, 1, 2), at(m, row, 2, 2))
     larger = abs(dot(cross(x, y), z))
-    return (total, total, total), (tilts[0] * larger, tilts[1] * larger)
+    return (total, total, total), (sizes[0] * longest, sizes[1] * larger, sizes[2] * larger)
 
 
 @device
-def _step(p, ng, extent, tilts, area):
+def _off_the_edges(u, v, extent, length, area):
+    """Barycentrics of a point at least so far from each edge, if only by a part of what rounding makes of it.
+
+    length: see `_sizes`; area: twice the triangle's, which over `length` is no less than 1 / sqrt(2) of its height.
+    """
+    largest = max(extent[0], max(extent[1], extent[2]))
+    least = min(_OFF_THE_EDGES * largest * length / (area + SMALL), _FARTHEST_OFF)
+    u, v = max(u, least), max(v, least)
+    inwards = ONE - max(u + v + least - ONE, ZERO)  # from the third edge
+    return u * inwards, v * inwards
+
+
+@device
+def _step(p, ng, extent, sizes, area):
     """How far off its surface a ray has to start. area: twice the triangle's.
 
     Only errors along the normal count: on the ground at z = 0 next to none, wherever the ground ends. The first is of
-    the point and of the ray's start, the second of the plane that Embree finds a hit in (`_tilts`). It grows with a
+    the point and of the ray's start, the second of the plane that Embree finds a hit in (`_sizes`). It grows with a
     sliver's aspect ratio. Its neighbours may err as much as any triangle of its size: a step that clears them is taken
     while it is shorter than the sliver is wide. Beyond, it would only bring rays over more of them.
     """
     across = abs(ng[0]) * extent[0] + abs(ng[1]) * extent[1] + abs(ng[2]) * extent[2]
     largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
     side, inverse = math.sqrt(area), _TILT / (area + SMALL)
-    tilt, around = min(tilts[1] * inverse, _LONGEST_FOR_OWN * side), tilts[0] * inverse
+    tilt, around = min(sizes[2] * inverse, _LONGEST_FOR_OWN * side), sizes[1] * inverse
     tilt = select(around < _LONGEST_FOR_NEIGHBOURS * side, max(tilt, around), tilt)
     return _STEP * across + _SMALLEST_STEP * largest + tilt + _AT_THE_ORIGIN
 

@@ -5,7 +5,7 @@ pair of numbers. A pixel's samples 0, 1, 2, ... of one dimension are a randomise
 of 2^k of them, k <= TABLE_BITS, has one point in each elementary interval of area 2^-k. Dimensions are padded
 (Kollig & Keller 2002): between them, and between pixels, the order of the samples is shuffled independently.
 
-- The table holds Owen-scrambled points (Owen 1995), made once for a render from its seed.
+- The table holds Owen-scrambled points (Owen 1995), the same for all renders: their seeds are in the hashes of pixels.
 - The order is shuffled by a hash that keeps the tree of bits (Laine & Karras 2011; Burley 2020, "Practical
   Hash-based Owen Scrambling"): a block of 2^k samples stays a block of 2^k points. Shuffling by xor alone leaves the
   first bits of two dimensions in step: measured on a path-like integrand, three times the variance of independent

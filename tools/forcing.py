@@ -1,5 +1,5 @@
-"""Renders with other features than the scene asks for: what it doesn't use switched on, for the tests that compare,
-and to spare the compilation of a kernel for each of a thousand random scenes.
+"""Renders with other features than the scene asks for: what it doesn't use switched on, for tests and benchmarks that
+compare, and to spare the compilation of a kernel for each of a thousand random scenes.
 
 `engine.features` decides which tables have rows, so the tables of a feature that is forced on are filled up with rows
 that say "there is none".

@@ -1,0 +1,152 @@
+"""The two classic pictures: how soon Lobe's error is that of 16,384 plain samples, `python benchmarks/classic.py`.
+
+Plain samples are those of a path tracer without light sampling: light counts where the BSDF's own rays meet it. The
+same kernel renders them, without its light sampling. Both roads render each scene anew at 1, 4, 16, ... samples;
+errors are taken against a long render with other random numbers, seconds from the scene's description to its
+picture. Writes classic.csv, classic.md and a plot of the curves of each scene to benchmarks/results/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import common
+import numpy as np
+from common import br
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from engine import Scene, Settings, render
+from engine.features import NO_EMITTER
+from tools import metrics
+from tools.exported import exported
+from tools.forcing import forced
+from tools.render import resolution, whole_number
+
+SCENES = "cornell_diffuse", "plates_phong"
+LEVEL_FACTOR = 4
+SEED, REFERENCE_SEED = 1, 1001
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Of one road, arrays with a number for each level: samples, seconds, relMSE."""
+
+    samples: np.ndarray
+    seconds: np.ndarray
+    error: np.ndarray
+
+    def seconds_to(self, error: float) -> float:
+        """When the error first was this one, between levels along the line on log-log paper. NaN if it never was."""
+        below = np.flatnonzero(self.error <= error)
+        if not len(below):
+            return float("nan")
+        if not (i := int(below[0])):
+            return float(self.seconds[0])
+        around = slice(i - 1, i + 1)
+        x, y = np.log(self.seconds[around]), np.log(self.error[around])
+        return float(np.exp(x[0] + (x[1] - x[0]) * (np.log(error) - y[0]) / (y[1] - y[0])))
+
+
+def levels(most: int) -> list[int]:
+    """1, 4, 16, ... and `most`."""
+    powers = [LEVEL_FACTOR**k for k in range(12) if LEVEL_FACTOR**k < most]
+    return [*powers, most]
+
+
+def curve(scene: Scene, settings: list[Settings], reference: np.ndarray, bar: tqdm) -> Curve:
+    points = []
+    for setting in settings:
+        result = render(scene, setting)
+        error = metrics.rel_mse(result.pixels[..., :3], reference)
+        points.append((setting.samples, sum(result.seconds.values()), error))
+        bar.update(setting.samples)
+    samples, seconds, errors = np.array(points).T
+    return Curve(samples, seconds, errors)
+
+
+def measure(name: str, options: argparse.Namespace) -> tuple[dict, Curve, Curve]:
+    """A row of the table, Lobe's curve and the plain one."""
+    common.prepare(common.scene_path(name), options.resolution, options.threads)
+    scene = exported()
+
+    def settings(samples: int, seed: int = SEED) -> Settings:
+        return Settings(samples=samples, seed=seed, threads=options.threads, pixel_filter="BOX")
+
+    def plain() -> contextlib.AbstractContextManager[None]:
+        return forced(lambda features: features._replace(emitter_choice=NO_EMITTER))
+
+    ours, theirs = levels(options.samples), levels(options.plain_samples)
+    with tqdm(total=options.reference_samples + sum(ours) + sum(theirs), desc=name, unit="spp", file=sys.stderr) as bar:
+        render(scene, settings(1))  # compiles
+        reference = render(scene, settings(options.reference_samples, REFERENCE_SEED)).pixels[..., :3].astype(float)
+        bar.update(options.reference_samples)
+        lobe = curve(scene, [settings(n) for n in ours], reference, bar)
+        with plain():
+            render(scene, settings(1))
+            plain_curve = curve(scene, [settings(n) for n in theirs], reference, bar)
+    goal = float(plain_curve.error[-1])
+    soon = lobe.seconds_to(goal)
+    row = {
+        "scene": name,
+        "resolution": "{}x{}".format(*options.resolution),
+        "threads": options.threads,
+        "plain samples": options.plain_samples,
+        "their relMSE": f"{goal:.2e}",
+        "their seconds": f"{plain_curve.seconds[-1]:.0f}",
+        "Lobe's seconds to it": f"{soon:.1f}",
+        "ratio": f"{plain_curve.seconds[-1] / soon:.0f}",
+        "noise of the reference": f"{lobe.error[-1] * lobe.samples[-1] / options.reference_samples:.1e}",
+    }
+    return row, lobe, plain_curve
+
+
+def plot(name: str, lobe: Curve, plain: Curve, path: Path) -> None:
+    figure = Figure(figsize=(6, 4), dpi=110, layout="constrained")  # without pyplot there is no screen to look for
+    axes = figure.subplots()
+    for label, road, color in (("Lobe", lobe, "C0"), ("BSDF sampling alone", plain, "C3")):
+        axes.loglog(road.seconds, road.error, "o-", color=color, label=label, markersize=4)
+        axes.annotate(f"{road.samples[-1]:,.0f} samples", (road.seconds[-1], road.error[-1]), (-4, -12),
+                      textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
+    axes.axhline(plain.error[-1], color="0.6", linewidth=0.8, linestyle=":")
+    axes.set(title=name, xlabel="seconds", ylabel="relMSE")
+    axes.grid(True, which="major", color="0.9")
+    axes.legend(frameon=False)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument(
+        "scenes", nargs="*", default=list(SCENES), metavar="SCENE", help="default: the two classic ones"
+    )
+    parser.add_argument("--resolution", type=resolution, default=(768, 512), metavar="WxH")
+    parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=256, metavar="N", help="Lobe's most")
+    parser.add_argument("--plain-samples", type=whole_number(1, 1 << 24), default=16_384, metavar="N")
+    parser.add_argument("--reference-samples", type=whole_number(1, 1 << 24), default=2048, metavar="N")
+    parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
+    return parser.parse_args()
+
+
+def main() -> int:
+    options = parse()
+    with br.quiet_stdout() as say:
+        try:
+            common.enable_lobe()
+            for name in options.scenes:
+                row, lobe, plain = measure(name, options)
+                table = common.update_table("classic", ("scene", "resolution", "plain samples"), [row])
+                plot(name, lobe, plain, common.RESULTS / f"classic_{name}.png")
+                say(table)
+        except br.ToolError as error:
+            print(f"classic.py: {error}", file=sys.stderr)
+            return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

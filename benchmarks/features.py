@@ -1,0 +1,174 @@
+"""What skipping saves: each feature that a scene may lack, and what it costs to have it in the kernel all the same.
+
+The first sample scene that lacks a feature is rendered by its own kernel and by the same one with the feature forced
+on, in turn; tables are filled up as that kernel needs them. Kernels are compiled in processes of their own, each with
+an empty cache. `tools/bench.py --features` prints the table.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks import common
+from benchmarks.common import br
+from engine import render, schedule
+from engine.features import EMITTER_TREE, Features
+from engine.kernels.tile import new_memory
+from engine.pack import pack
+from engine.scene import Camera, Scene
+from engine.settings import Settings
+from tools import metrics
+from tools.forcing import EVERYTHING, forced
+
+SAMPLES = 16
+COMPILATIONS = 3
+
+# What a scene without the feature goes without.
+LEFT_OUT = {
+    "phong": "the lobe's code, the choice between lobes",
+    "smooth": "three normals for each triangle and their interpolation",
+    "instances": "a matrix for each instance, points and normals to the world",
+    "transparency": "rays that go on, shadow rays that look for what dims them; renders path by path",
+    "mesh_emitters": "emission where rays meet surfaces, an emitter's number for each triangle",
+    "rectangle_emitters": "a rectangle for each pair of triangles, sampling by its solid angle",
+    "lamp_kinds": "sampling points, balls, disks, rectangles, ellipses, spots",
+    "lamp_shapes": "noting lamps along rays",
+    "unshadowed": "light that is let through everything",
+    "ray_kinds": "which kind of ray sees what, and goes how far; renders path by path",
+    "emitter_choice": "the light tree",
+    "suns": "sampling suns",
+    "sun_disks": "suns that rays meet",
+    "world": "the image and its tables, sampling it",
+    "lens": "a point of the lens",
+    "clamp": "limits of contributions",
+}
+
+
+class Pair(NamedTuple):
+    """A scene's own features, and the same with one more."""
+
+    own: Features
+    forced: Features
+
+
+def pair(own: Features, feature: str) -> Pair | None:
+    """None where the scene has the feature. One emitter alone lacks the tree that chooses between many."""
+    present = own.emitter_choice == EMITTER_TREE if feature == "emitter_choice" else bool(getattr(own, feature))
+    return None if present else Pair(own, own._replace(**{feature: EVERYTHING[feature]}))
+
+
+def measure(scenes: dict[str, Scene], feature: str, threads: int, runs: int) -> dict:
+    """A row of the table; no row is left out, since some of the sample scenes lack each feature."""
+    settings = Settings(samples=SAMPLES, threads=threads, pixel_filter="BOX")
+    pairs = {name: pair(schedule.pack(scene, settings).features, feature) for name, scene in scenes.items()}
+    lacking = [name for name, both in pairs.items() if both is not None]
+    if not lacking:
+        raise br.ToolError(f"all of these scenes have {feature!r}: add one that lacks it")
+    name = lacking[0]
+    scene, both = scenes[name], pairs[name]
+    assert both is not None
+    (middle, low, high), more_bytes = _times_and_tables(scene, settings, feature, runs)
+    compile_time, code = _compiled(both)
+    return {
+        "feature": feature.replace("_", " "),
+        "left out": LEFT_OUT[feature],
+        "scene": name,
+        "render with it / without": f"{middle:.2f} ({low:.2f} to {high:.2f})",
+        "tables, kB": f"{more_bytes / 1e3:+.0f}",
+        "machine code, kB": f"{code / 1e3:+.0f}",
+        "compile with it / without": f"{compile_time:.2f}",
+    }
+
+
+def _times_and_tables(scene: Scene, settings: Settings, feature: str, runs: int):
+    """(median ratio of the render phase with its range, bytes that the tables and the threads' memory grow by)."""
+
+    def change(features: Features) -> Features:
+        return features._replace(**{feature: EVERYTHING[feature]})
+
+    seconds: dict[bool, list[float]] = {True: [], False: []}
+    for run in range(runs + 1):
+        for on in (True, False) if run % 2 else (False, True):
+            if on:
+                with forced(change):
+                    taken = render(scene, settings).seconds["render"]
+            else:
+                taken = render(scene, settings).seconds["render"]
+            if run:  # the first compiles
+                seconds[on].append(taken)
+    without = _bytes(scene, settings)
+    with forced(change):
+        return metrics.median_ratio(seconds[True], seconds[False]), _bytes(scene, settings) - without
+
+
+def _bytes(scene: Scene, settings: Settings) -> int:
+    """Of all tables of a packed scene and of the threads' memory."""
+    packed = schedule.pack(scene, settings)
+    tables = *packed.geometry, *packed.lights, *packed.environment, *packed.tree
+    memory = new_memory(packed.features, packed.lights.shape_count).nbytes * settings.threads
+    return memory + sum(table.nbytes for table in tables if isinstance(table, np.ndarray))
+
+
+def _compiled(both: Pair) -> tuple[float, int]:
+    """(ratio of the medians of the times that compiling takes, bytes of machine code that are more)."""
+    seconds: dict[Features, list[float]] = {both.own: [], both.forced: []}
+    size = {}
+    for _ in range(COMPILATIONS):
+        for features in both:
+            taken, size[features] = _compile_alone(features)
+            seconds[features].append(taken)
+    ratio = float(np.median(seconds[both.forced]) / np.median(seconds[both.own]))
+    return ratio, size[both.forced] - size[both.own]
+
+
+def _compile_alone(features: Features) -> tuple[float, int]:
+    """(seconds, bytes of machine code) of this kernel, by a new process with an empty cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "LOBE_CACHE_DIR": folder, "PYTHONPATH": str(common.ROOT)}
+        command = [sys.executable, "-m", "benchmarks.features", json.dumps(features._asdict())]
+        done = subprocess.run(command, env=environment, cwd=common.ROOT, capture_output=True, text=True, check=True)
+    seconds, size = json.loads(done.stdout)
+    return seconds, size
+
+
+def compile_and_say(features: Features) -> None:
+    """What `_compile_alone` runs: prints [seconds, bytes]."""
+    schedule.build_monitor()
+    packed = pack(Scene(camera=Camera()), Settings())
+    packed.features = features
+    begun = time.perf_counter()
+    schedule._load_kernel(packed, Settings())
+    seconds = time.perf_counter() - begun
+    kernel = schedule.tile_kernel(features)
+    code = kernel.overloads[kernel.signatures[0]].library._get_compiled_object()
+    print(json.dumps([seconds, len(code)]))
+
+
+def table(names: list[Path], resolution: tuple[int, int], threads: int, runs: int, folder: Path) -> str:
+    """Measure all features on the first of these scenes that lacks each, and write features.csv and .md."""
+    from tools.exported import exported
+
+    scenes = {}
+    for path in names:
+        common.prepare(path, resolution, threads)
+        scenes[path.stem] = replace(exported(), skipped=[], warnings=[])
+    rows = []
+    for feature in tqdm(LEFT_OUT, file=sys.stderr):
+        rows.append(measure(scenes, feature, threads, runs))
+        written = common.update_table("features", ("feature",), rows, folder=folder)
+    return written
+
+
+if __name__ == "__main__":
+    compile_and_say(Features(**json.loads(sys.argv[1])))

@@ -1,0 +1,287 @@
+"""What each technique brings: Lobe beside itself without it, `python benchmarks/trials.py [NAME...]`.
+
+A trial is an edit of a copy of the engine, or another setting. Both copies render the sample scenes in turn, each in a
+process of its own, from the same seeds. What counts is relMSE times the seconds of the render phase: above 1, the
+engine is better as it is. Writes trials.csv and trials.md to benchmarks/results/; benchmarks/README.md says what was
+kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import common
+import numpy as np
+from common import br
+from scipy import stats
+from tqdm import tqdm
+
+from engine import Scene
+from tools import metrics
+from tools.exported import exported
+from tools.render import resolution, whole_number
+
+KERNELS = "engine/kernels/"
+REFERENCE_SEED = 10_001
+WORKER = Path(__file__).resolve().parent / "trial_worker.py"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """edits: (file, text, other text); every occurrence is replaced, and there has to be one."""
+
+    name: str
+    edits: Sequence[tuple[str, str, str]] = ()
+    settings: dict = field(default_factory=dict)
+
+
+TRIALS = (
+    Trial(
+        "independent random numbers",
+        [
+            (
+                KERNELS + "sampler/sobol.py",
+                "at(table, dimension & _PAIR_MASK, to_index(_shuffle(order, first) >> _INDEX_SHIFT))",
+                "hash32(uint32(first ^ uint32(order * _GOLDEN)))",
+            )
+        ],
+    ),
+    Trial("uniform directions for diffuse", settings={"hemisphere_sampling": "UNIFORM"}),
+    Trial("lobes chosen by kd and ks", settings={"lobe_selection": "CLASSIC"}),
+    Trial(
+        "no roulette", [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(1e30)")]
+    ),
+    Trial(
+        "roulette of Cycles",
+        [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(1)")],
+    ),
+    Trial(
+        "roulette twice as mild",
+        [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(5)")],
+    ),
+    Trial(
+        "light sampling without MIS",
+        [
+            (KERNELS + "mis.py", "select(light.alone, ONE, power_heuristic(light.pdf, pdf_bsdf))", "ONE"),
+            (KERNELS + "mis.py", "power_heuristic(ray.pdf, pdf_light) if shares else ZERO", "ZERO if shares else ZERO"),
+        ],
+    ),
+    Trial(
+        "balance heuristic",
+        [(KERNELS + "mis.py", "ONE / (ONE + ratio * ratio)", "ONE / (ONE + ratio)")],
+    ),
+    Trial(
+        "lights chosen by power",
+        [
+            (
+                KERNELS + "light/tree.py",
+                "select(above, _importance_above(node, to, half, height), ZERO)",
+                "select(above, node[POWER], ZERO)",
+            )
+        ],
+    ),
+    Trial(
+        "groups of lights by even shares",
+        [(KERNELS + "light/groups.py", "LEAST_SHARE = np.float32(1 / 3)", "LEAST_SHARE = np.float32(1)")],
+    ),
+    Trial(
+        "emitters sampled by area",
+        [(KERNELS + "light/spherical.py", "FAR_RATIO = np.float32(2)", "FAR_RATIO = np.float32(0)")],
+    ),
+    Trial("adaptive sampling", settings={"use_adaptive_sampling": True, "adaptive_threshold": 0.1}),
+    Trial(
+        "path by path",
+        [(KERNELS + "staged.py", "return f.shared_light and not", "return False and f.shared_light and not")],
+    ),
+    Trial(
+        "single rays", [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return False")]
+    ),
+    Trial(
+        "packets for the camera's rays alone",
+        [
+            (
+                KERNELS + "rays.py",
+                "return not AS_WRITTEN and (first or not f.instances)",
+                "return not AS_WRITTEN and first",
+            )
+        ],
+    ),
+    Trial(
+        "packets for all rays",
+        [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return not AS_WRITTEN")],
+    ),
+    Trial(
+        "packets that aren't said to be alike",
+        [(KERNELS + "embree.py", "_ALIKE = np.uint32(1 << 16)", "_ALIKE = np.uint32(0)")],
+    ),
+    Trial("a batch of 256 paths", [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 256")]),
+    Trial("a batch of 4,096 paths", [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 4096")]),
+    Trial("eight numbers in a register", [(KERNELS + "simd/types.py", "WIDTH = 16 ", "WIDTH = 8 ")]),
+    Trial(
+        "arithmetic as written", [(KERNELS + "jit.py", "set() if AS_WRITTEN else {", "set() if not AS_WRITTEN else {")]
+    ),
+    Trial("not watertight", [("engine/accel.py", "_SCENE_FLAG_ROBUST = 4", "_SCENE_FLAG_ROBUST = 0")]),
+    Trial("leaves that hold vertices", [("engine/accel.py", "_SCENE_FLAG_COMPACT = 2", "_SCENE_FLAG_COMPACT = 0")]),
+    Trial("huge pages for Embree", [("engine/accel.py", "rtcNewDevice(None)", 'rtcNewDevice(b"hugepages=1")')]),
+)
+
+
+class Copy:
+    """A copy of the engine with a trial's edits, and a process that renders with it."""
+
+    def __init__(self, folder: Path, trial: Trial | None):
+        self.folder = folder
+        edited(folder, trial)
+        self.process = subprocess.Popen(
+            [sys.executable, str(WORKER)], cwd=folder, env={**os.environ, "LOBE_CACHE_DIR": str(folder)}, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+
+    def load(self, scene: Scene) -> None:
+        (self.folder / "scene").write_bytes(pickle.dumps(scene))
+        self._ask({"load": True})
+
+    def render(self, settings: dict) -> tuple[np.ndarray, float]:
+        """(picture (h, w, 3), seconds of the render phase)."""
+        seconds = self._ask({"settings": settings})
+        return np.load(self.folder / "picture.npy")[..., :3], seconds
+
+    def close(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.process.wait()
+
+    def _ask(self, question: dict) -> float:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        print(json.dumps(question), file=self.process.stdin, flush=True)
+        answer = self.process.stdout.readline()
+        if not answer:
+            raise br.ToolError("the trial's engine has ended; what it said stands above")
+        return float(answer)
+
+
+def edited(folder: Path, trial: Trial | None) -> None:
+    """Copy the engine into the folder, and make the trial's edits."""
+    shutil.copytree(common.ROOT / "engine", folder / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    for name, old, new in trial.edits if trial else ():
+        path = folder / name
+        text = path.read_text()
+        if old not in text:
+            raise br.ToolError(f"{name} doesn't say {old!r} any more: write the trial {trial.name!r} anew")
+        path.write_text(text.replace(old, new))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Of a trial with the engine as it is, on one scene: ratios of seconds and of relMSE."""
+
+    time: float
+    error: float
+
+    @property
+    def cost(self) -> float:
+        return self.time * self.error
+
+
+def compare(usual: Copy, other: Copy, trial: Trial, reference: np.ndarray, options: argparse.Namespace) -> Comparison:
+    """Renders in turn, from the same seeds. The first of each compiles."""
+    seconds: dict[Copy, list[float]] = {usual: [], other: []}
+    errors: dict[Copy, list[float]] = {usual: [], other: []}
+    base = {"samples": options.samples, "threads": options.threads, "pixel_filter": "BOX"}
+    for run in range(options.seeds + 1):
+        for copy in (usual, other) if run % 2 else (other, usual):
+            extra = trial.settings if copy is other else {}
+            picture, taken = copy.render({**base, "seed": run, **extra})
+            if run:
+                seconds[copy].append(taken)
+                errors[copy].append(metrics.rel_mse(picture, reference))
+    time = metrics.median_ratio(seconds[other], seconds[usual])[0]
+    return Comparison(time, float(np.mean(errors[other]) / np.mean(errors[usual])))
+
+
+def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, np.ndarray], usual: Copy, options) -> dict:
+    """A row of the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        other = Copy(Path(folder), trial)
+        found = {}
+        try:
+            for name, scene in scenes.items():
+                usual.load(scene)
+                other.load(scene)
+                found[name] = compare(usual, other, trial, references[name], options)
+        finally:
+            other.close()
+    row = {"instead": trial.name}
+    row |= {name: f"{c.cost:.2f} ({c.time:.2f} x {c.error:.2f})" for name, c in found.items()}
+    return row | {"geometric mean": f"{stats.gmean([c.cost for c in found.values()]):.2f}"}
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: all of {', '.join(t.name for t in TRIALS)}")
+    parser.add_argument("--resolution", type=resolution, default=(120, 80), metavar="WxH")
+    parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=64, metavar="N")
+    parser.add_argument("--reference-samples", type=whole_number(1, 1 << 24), default=8192, metavar="N")
+    parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N")
+    parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
+    return parser.parse_args()
+
+
+def chosen(names: list[str]) -> list[Trial]:
+    by_name = {trial.name: trial for trial in TRIALS}
+    for name in names:
+        if name not in by_name:
+            raise br.ToolError(f"there is no trial {name!r}: choose from {', '.join(map(repr, by_name))}")
+    return [by_name[name] for name in names] or list(TRIALS)
+
+
+def run(options: argparse.Namespace, say) -> None:
+    trials = chosen(options.names)
+    common.enable_lobe()
+    scenes = {}
+    for name in common.SCENES:
+        common.prepare(common.scene_path(name), options.resolution, options.threads)
+        scenes[name] = exported()
+    with tempfile.TemporaryDirectory() as folder:
+        usual, references, rows = Copy(Path(folder), None), {}, []
+        long = {"samples": options.reference_samples, "seed": REFERENCE_SEED, "pixel_filter": "BOX"}
+        for name, scene in scenes.items():
+            usual.load(scene)
+            references[name] = usual.render(long)[0].astype(np.float64)
+        for trial in tqdm(trials, file=sys.stderr):
+            rows.append(measure(trial, scenes, references, usual, options))
+            table = common.update_table("trials", ("instead",), rows, note=NOTE)
+        usual.close()
+    say(table)
+
+
+NOTE = """\
+Seconds of the render phase times relMSE with another technique, as a multiple of the engine's own; in brackets the two
+factors, of seconds (a median of pairs) and of relMSE. Above 1 the engine is better as it is.
+
+"""
+
+
+def main() -> int:
+    options = parse()
+    with br.quiet_stdout() as say:
+        try:
+            run(options, say)
+        except br.ToolError as error:
+            print(f"trials.py: {error}", file=sys.stderr)
+            return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,22 @@
+"""The table of what skipping saves covers every feature that can be forced on."""
+
+from __future__ import annotations
+
+from benchmarks.features import LEFT_OUT, pair
+from engine.features import EMITTER_TREE, ONE_EMITTER, Features
+from tools.forcing import EVERYTHING
+
+
+def test_every_feature_has_a_row():
+    assert set(LEFT_OUT) == set(EVERYTHING)
+
+
+def test_a_scene_with_the_feature_is_no_measure_of_it():
+    assert pair(Features(phong=1), "phong") is None
+    assert pair(Features(emitter_choice=EMITTER_TREE), "emitter_choice") is None
+
+
+def test_the_feature_is_the_only_difference():
+    own = Features(smooth=1, emitter_choice=ONE_EMITTER)
+    both = pair(own, "emitter_choice")
+    assert both is not None and both.own == own and both.forced == own._replace(emitter_choice=EMITTER_TREE)
