@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import common
+from benchmarks.convergence import tables as bench_tables
 from engine import CHOICES, Settings
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -57,6 +59,12 @@ def test_scripts_in_commands_exist() -> None:
     scripts = {script for page in PAGES for script in re.findall(r"python ([\w/]+\.py)", read(page))}
     assert scripts
     assert sorted(script for script in scripts if not (REPOSITORY / script).is_file()) == []
+
+
+def test_the_readme_quotes_the_benchmark() -> None:
+    rows = common.read_table("equal_error", common.RESULTS)
+    begin, end = bench_tables.QUOTED
+    assert rows and f"{begin}{common.markdown(bench_tables.short(rows))}{end}" in read(README)
 
 
 def test_the_settings_page_lists_every_setting() -> None:

@@ -53,7 +53,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="whose levels are rendered; the reference is always of both")  # fmt: skip
     parser.add_argument("--budget", type=seconds, default=240.0, metavar="SECONDS",
                         help="of rendering for each scene, reference included; default: 240")  # fmt: skip
-    parser.add_argument("--resolution", type=resolution, default=(192, 128), metavar="WxH", help="default: 192x128")
+    parser.add_argument("--resolution", type=resolution, default=(384, 256), metavar="WxH", help="default: 384x256")
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N", help="renders of each level")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
     parser.add_argument("--fresh", action="store_true", help="forget the renders of these scenes that are kept")
@@ -125,6 +125,8 @@ def convergence(options: argparse.Namespace, say) -> int:
         outcomes.append(measure(path, options, codes, ctrl_c.check))
         rows = tables.write(outcomes, options.results)
         page.write(options.results / "convergence.html", options.store / "sections", outcomes, tables.short(rows))
+    if rows and options.results == common.RESULTS:
+        tables.quote(ROOT / "README.md", common.markdown(tables.short(rows)))
     say(common.markdown(tables.short(rows) if rows else [row for o in outcomes for row in tables.level_rows(o)]))
     differing = [outcome.settings.scene.stem for outcome in outcomes if outcome.reference.verdict != "agree"]
     if differing:

@@ -50,7 +50,7 @@ class Settings:
     scene: Path
     engines: tuple[str, ...] = ENGINES
     budget: float = 240.0
-    resolution: tuple[int, int] = (192, 128)
+    resolution: tuple[int, int] = (384, 256)
     seeds: int = 8
     threads: int = 2
 

@@ -161,3 +161,14 @@ def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
         }
         for row in rows
     ]
+
+
+QUOTED = "<!-- the table of make bench -->\n", "<!-- its end -->\n"
+
+
+def quote(page: Path, table: str) -> None:
+    """Put the table between the two lines that mark its place in a page of Markdown."""
+    text = page.read_text(encoding="utf-8")
+    before, rest = text.split(QUOTED[0])
+    after = rest.split(QUOTED[1])[1]
+    page.write_text(f"{before}{QUOTED[0]}{table}{QUOTED[1]}{after}", encoding="utf-8")

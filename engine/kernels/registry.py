@@ -149,6 +149,7 @@ NO_DENSITY = {
     "light.tree.sample_tree": "a choice: tests/kernels/test_light_tree.py holds its frequencies",
     "light.environment._mix_color": "u and v are places within a cell",
     "geom.surface._shading_normal": "u and v are barycentric coordinates",
+    "geom.surface._off_the_edges": "u and v are barycentric coordinates",
     "geom.elementary.sin_cos_turn": "u is a part of a turn",
     "sampler.random.random_1d": "random numbers: tests/kernels/test_sampler.py",
     "sampler.sobol.sample_1d": "random numbers: tests/kernels/test_sampler.py",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from engine.kernels.jit import kernel
 from engine.kernels.sampler import random, sobol
@@ -212,11 +213,37 @@ def test_samples_continue_beyond_the_table():
 
 def test_seeds_differ_and_repeat():
     first = samples(16, (0, 1), pixels=10)
-    assert np.array_equal(first, samples(16, (0, 1), pixels=10, table=sobol.build_sobol_table(0)))
+    assert np.array_equal(first, samples(16, (0, 1), pixels=10))
     for other in (samples(16, (0, 1), pixels=10, seed=1), samples(16, (0, 1), pixels=10, seed=-1)):
         assert np.abs(first - other).min() > 0
-    assert not np.array_equal(TABLE, sobol.build_sobol_table(1))
-    assert np.array_equal(sobol.build_sobol_table(-5), sobol.build_sobol_table(-5))
+
+
+def means_by_seed(seeds: int = 24, count: int = 16) -> np.ndarray:
+    """(seeds, pixels) errors of each pixel's mean of an integrand."""
+    points = (samples(count, (0,), seed=seed)[:, :, 0] for seed in range(seeds))
+    return np.array([edge(p).mean(axis=1) - EDGE_MEAN for p in points])
+
+
+def assert_seeds_independent(errors: np.ndarray) -> None:
+    """Though all take their numbers from one table: the errors of two seeds aren't correlated, and the mean over the
+    pixels wanders from seed to seed as it does if all are independent, no less and no more."""
+    seeds, pixels = errors.shape
+    correlation = np.corrcoef(errors)[np.triu_indices(seeds, 1)]
+    assert abs(correlation.mean()) < 4 / np.sqrt(len(correlation) * pixels)
+    statistic = (seeds - 1) * errors.mean(axis=1).var(ddof=1) / (errors.var() / pixels)
+    assert 1e-4 < stats.chi2.sf(statistic, seeds - 1) < 1 - 1e-4
+
+
+def test_seeds_are_independent():
+    assert_seeds_independent(means_by_seed())
+
+
+def test_seeds_in_step_are_caught():
+    """A third of the pixels has the same numbers with all seeds."""
+    errors = means_by_seed()
+    errors[:, ::3] = errors[0, ::3]
+    with pytest.raises(AssertionError):
+        assert_seeds_independent(errors)
 
 
 def test_table_is_small():

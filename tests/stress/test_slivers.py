@@ -15,6 +15,7 @@ import scenes
 from sample_scenes import SCENES, sample_scene
 from stress import moves, surfaces
 
+from engine import Camera, PointLight, Settings, render
 from engine.scene import Instances, Mesh, Scene, World
 
 TURN = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
@@ -66,6 +67,36 @@ def test_a_floor_of_slivers_of_aspect_1e5(shape):
     """Embree misjudges the distance of such caps by many times their width, so that their neighbours, too, throw
     shadows on rays that start beside them. The slack is what that comes to where all is made of them."""
     check(moves.render(room(diced(shape, 100_000))), slack=5e-3 if shape == "cap" else moves.ROUNDING)
+
+
+def strip(width: float, quads: int, length: float = 10.0) -> Mesh:
+    """Along x from the origin, in so many quads."""
+    x = np.linspace(0, length, quads + 1)
+    vertices = np.stack([(a, y, 0) for a in x for y in (-width / 2, width / 2)])
+    first = 2 * np.arange(quads)
+    triangles = np.vstack([[first, first + 2, first + 3], [first, first + 3, first + 1]]).reshape(2, 3, -1)
+    return Mesh("strip", vertices.astype(np.float32), np.hstack(triangles).T.astype(np.uint32))
+
+
+def lit_end(mesh: Mesh) -> np.ndarray:
+    """(16,) the first 8 cm of a strip, with a lamp 2 cm above its end."""
+    scene = Scene(width=16, height=1)
+    scene.materials = [replace(scene.materials[0], kd=(1.0,) * 3)]
+    scene.add_instance(mesh)
+    scene.lights = [PointLight("end", scenes.place((0, 0, 0.02)), intensity=(1e-3,) * 3)]
+    narrow = 0.45 * float(np.ptp(mesh.vertices[:, 1]))
+    scene.camera = Camera(
+        transform=scenes.place((0.04, 0, 1), (0, 0, -1)), window=(-0.04, 0.04, -narrow, narrow), orthographic=True,
+        clip_start=0.01,
+    )  # fmt: skip
+    settings = Settings(samples=64, pixel_filter="BOX", threads=1, max_bounces=0)
+    return render(scene, settings).pixels[0, :, 0]
+
+
+@pytest.mark.parametrize("width", [0.001, 0.01])
+def test_points_stay_where_they_are_along_a_strip(width):
+    """They are kept off the edges of their triangles, which must not move them along those of slivers."""
+    assert np.allclose(lit_end(strip(width, 1)), lit_end(strip(width, 2000)), rtol=1e-2)
 
 
 @pytest.mark.parametrize("shape, most", [("needle", 0.0), ("cap", 1e-3)])

@@ -32,9 +32,10 @@ _TILT = np.float32(4 * 2**-24)
 # Of the square root of a triangle's area: for the sake of its neighbours, reached at an aspect ratio of some 2,000;
 # for its own, reached where all sides are 1e5 times as long as the triangle is high.
 _LONGEST_FOR_NEIGHBOURS, _LONGEST_FOR_OWN = np.float32(1 / 128), np.float32(1)
-# How far points are kept from their triangle's edges, as a part of its coordinates; at most as a part of its height, so
-# that on slivers, too, no picture shows it.
-_OFF_THE_EDGES, _FARTHEST_OFF = np.float32(16 * 2**-24), np.float32(1 / 256)
+# How far points are kept from each edge of their triangle, as a part of its coordinates, and at most as a part of its
+# height over that edge; and how far they are moved for it at most, in these distances: in the corners of slivers more
+# would show.
+_OFF_THE_EDGES, _FARTHEST_OFF, _LARGEST_MOVE = np.float32(16 * 2**-24), np.float32(1 / 256), np.float32(4)
 
 
 class Hit(NamedTuple):
@@ -129,8 +130,9 @@ def _extent(a, b, c):
 
 @device
 def _sizes(a, b, c):
-    """(a triangle's largest side along an axis, and how far rounding may tilt the normal that Embree calculates, as two
-    volumes: of any triangle in such a box, and of this one). Over the triangle's area they are heights.
+    """(the lengths of a triangle's sides ca, ab and bc along their longest axes, and how far rounding may tilt the
+    normal that Embree calculates, as two volumes: of any triangle in such a box, and of this one). Over the triangle's
+    area these are heights.
 
     Embree takes the smaller of two products of sides for each component (`stable_triangle_normal`). So it errs little
     where one side is short, and most where a corner lies next to the middle of a side.
@@ -144,7 +146,12 @@ def _sizes(a, b, c):
         + min(abs(x[0] * y[2]), abs(y[0] * z[2])) * depth
         + min(abs(x[1] * y[0]), abs(y[1] * z[0])) * height
     )
-    return max(width, max(depth, height)), width * depth * height, own
+    return (_reach(x), _reach(y), _reach(z)), width * depth * height, own
+
+
+@device
+def _reach(a):
+    return max(abs(a[0]), max(abs(a[1]), abs(a[2])))
 
 
 @device
@@ -160,20 +167,21 @@ def _to_world_sizes(m, row, e, sizes):
     y = (at(m, row, 0, 1), at(m, row, 1, 1), at(m, row, 2, 1))
     z = (at(m, row, 0, 2), at(m, row, 1, 2), at(m, row, 2, 2))
     larger = abs(dot(cross(x, y), z))
-    return (total, total, total), (sizes[0] * longest, sizes[1] * larger, sizes[2] * larger)
+    return (total, total, total), (scale(sizes[0], longest), sizes[1] * larger, sizes[2] * larger)
 
 
 @device
-def _off_the_edges(u, v, extent, length, area):
-    """Barycentrics of a point at least so far from each edge, if only by a part of what rounding makes of it.
-
-    length: see `_sizes`; area: twice the triangle's, which over `length` is no less than 1 / sqrt(2) of its height.
-    """
-    largest = max(extent[0], max(extent[1], extent[2]))
-    least = min(_OFF_THE_EDGES * largest * length / (area + SMALL), _FARTHEST_OFF)
-    u, v = max(u, least), max(v, least)
-    inwards = ONE - max(u + v + least - ONE, ZERO)  # from the third edge
-    return u * inwards, v * inwards
+def _off_the_edges(u, v, extent, sides, area):
+    """Barycentrics of a point that is moved off the edges that it lies on. sides: see `_sizes`; area: twice the
+    triangle's, over a side the height over it."""
+    off = _OFF_THE_EDGES * _reach(extent)
+    ca, ab, bc = sides
+    part = off / (area + SMALL)
+    moved_u, moved_v = max(u, min(part * ca, _FARTHEST_OFF)), max(v, min(part * ab, _FARTHEST_OFF))
+    inwards = ONE - max(moved_u + moved_v + min(part * bc, _FARTHEST_OFF) - ONE, ZERO)
+    du, dv = moved_u * inwards - u, moved_v * inwards - v
+    share = min(_LARGEST_MOVE * off / (abs(du) * ab + abs(dv) * ca + _AT_THE_ORIGIN), ONE)
+    return u + share * du, v + share * dv
 
 
 @device
@@ -186,17 +194,16 @@ def _step(p, ng, extent, sizes, area):
     while it is shorter than the sliver is wide. Beyond, it would only bring rays over more of them.
     """
     across = abs(ng[0]) * extent[0] + abs(ng[1]) * extent[1] + abs(ng[2]) * extent[2]
-    largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
     side, inverse = math.sqrt(area), _TILT / (area + SMALL)
     tilt, around = min(sizes[2] * inverse, _LONGEST_FOR_OWN * side), sizes[1] * inverse
     tilt = select(around < _LONGEST_FOR_NEIGHBOURS * side, max(tilt, around), tilt)
-    return _STEP * across + _SMALLEST_STEP * largest + tilt + _AT_THE_ORIGIN
+    return _STEP * across + _SMALLEST_STEP * _reach(p) + tilt + _AT_THE_ORIGIN
 
 
 @device
 def _unit_and_length(a):
     """As `direction_and_length`, also for vectors whose square leaves float32: products of edges of any length."""
-    largest = max(abs(a[0]), max(abs(a[1]), abs(a[2])))
+    largest = _reach(a)
     unit, length = direction_and_length(scale(a, select(largest > TINY, ONE / largest, ZERO)))
     return unit, length * largest
 
