@@ -36,6 +36,8 @@ MAX_REACH = 1e9
 MAX_LAMP_REACH = 1e18
 # A lamp's radius or a sun's angle below this counts as 0: their squares vanish in float32.
 SMALLEST_SIZE = 1e-15
+# From here on float64 rounds to an infinite float32.
+FLOAT32_END = 2.0**128 - 2.0**103
 # Pixels: of a side, as in Blender, and of the region that is rendered: its sums take 36 bytes each.
 MAX_SIDE, MAX_PIXELS = 1 << 16, 1 << 28
 # Rows of any array: the kernels' tables number them by int32.
@@ -424,8 +426,7 @@ def _first_bad_row(rows: np.ndarray) -> int | None:
 
 def _fits(value) -> bool:
     """All of it is finite, also in float32, which is what the kernels calculate with."""
-    with np.errstate(over="ignore"):
-        return bool(np.all(np.isfinite(np.asarray(value, np.float64).astype(np.float32))))
+    return bool((np.abs(np.asarray(value, np.float64)) < FLOAT32_END).all())
 
 
 def _limit(value: np.ndarray) -> str:
