@@ -34,8 +34,12 @@ from .scene import (
 MAX_REACH = 1e9
 # Metres, of lamps: they have no edges to multiply, but the square of a distance must fit float32.
 MAX_LAMP_REACH = 1e18
+# Lamps whose numbers all lie below this, and their radius above its inverse, pass every check.
+EVERYDAY = 1e9
 # A lamp's radius or a sun's angle below this counts as 0: their squares vanish in float32.
 SMALLEST_SIZE = 1e-15
+# From here on float64 rounds to an infinite float32.
+FLOAT32_END = 2.0**128 - 2.0**103
 # Pixels: of a side, as in Blender, and of the region that is rendered: its sums take 36 bytes each.
 MAX_SIDE, MAX_PIXELS = 1 << 16, 1 << 28
 # Rows of any array: the kernels' tables number them by int32.
@@ -60,7 +64,7 @@ def validate_scene(scene: Scene) -> None:
         _check_material(material)
     _check_instances(scene.instances, len(scene.meshes), scene.materials)
     _check_reach(scene.instances, extents)
-    for light in scene.lights:
+    for light in _uncommon(scene.lights):
         _check_light(light)
     _check_world(scene.world)
 
@@ -277,6 +281,24 @@ def _check_material(material: Material) -> None:
         raise fail(f"its transparency is {_text(value)}; set every channel between 0 and 1")
 
 
+def _uncommon(lights: Sequence[Lamp]) -> list[Lamp]:
+    """Those that are to be checked one by one: of point lamps only the few whose numbers are not all everyday ones,
+    as a scene may hold 100,000 of them."""
+    common = np.zeros(len(lights), bool)
+    points = [(i, light) for i, light in enumerate(lights) if type(light) is PointLight and _is_matrix(light.transform)]
+    if points:
+        matrices = np.array([light.transform for _, light in points]).reshape(len(points), 12)
+        values = np.array([(*light.intensity, light.radius) for _, light in points], np.float64)
+        radius = values[:, 3]
+        fits = (np.abs(matrices) < EVERYDAY).all(axis=1) & ((values >= 0) & (values < EVERYDAY)).all(axis=1)
+        common[[i for i, _ in points]] = fits & ((radius == 0) | (radius > 1 / EVERYDAY))
+    return [light for light, known in zip(lights, common, strict=True) if not known]
+
+
+def _is_matrix(transform: np.ndarray) -> bool:
+    return transform.shape == (3, 4) and transform.dtype == np.float64
+
+
 def _check_light(light: Lamp) -> None:
     def fail(problem: str) -> SceneError:
         return scene_error("light", light.name, problem)
@@ -424,8 +446,7 @@ def _first_bad_row(rows: np.ndarray) -> int | None:
 
 def _fits(value) -> bool:
     """All of it is finite, also in float32, which is what the kernels calculate with."""
-    with np.errstate(over="ignore"):
-        return bool(np.all(np.isfinite(np.asarray(value, np.float64).astype(np.float32))))
+    return bool((np.abs(np.asarray(value, np.float64)) < FLOAT32_END).all())
 
 
 def _limit(value: np.ndarray) -> str:

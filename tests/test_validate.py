@@ -441,6 +441,16 @@ def test_a_mesh_under_another_name_is_named_by_its_object():
     )
 
 
+@pytest.mark.parametrize("change", [{"radius": NAN}, {"intensity": (1, -1, 1)}, {"transform": np.full((3, 4), INF)}])
+def test_one_bad_lamp_among_many_is_named(change):
+    lamps = [PointLight(f"Lamp {i}", intensity=(1, 1, 1), radius=0.1) for i in range(50)]
+    scene = Scene(camera=scenes.camera(), lights=lamps)
+    scene.validate()
+    scene.lights[30] = replace(lamps[30], **change)
+    with pytest.raises(SceneError, match="light 'Lamp 30'"):
+        scene.validate()
+
+
 def test_a_large_scene_is_checked_in_whole_arrays(counted_calls):
     """No Python for each vertex, face or instance: counted, as times say more about the machine."""
     faces, count = 1_000_000, 500_000

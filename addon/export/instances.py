@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Mesh, Visibility
-from .lights import export_light
+from .lights import LampKind, export_light, lamp_kind
 from .materials import MaterialTable
 from .meshes import export_mesh
 from .notes import Notes
@@ -37,16 +37,18 @@ VISIBILITY = (
 
 
 class Kind(NamedTuple):
-    """What equal items of `object_instances` have in common; mesh -1 places nothing."""
+    """What equal items of `object_instances` have in common; mesh -1 places no mesh, lamp -1 no lamp."""
 
     mesh: int = -1
     first_slot: int = 0
     slot_count: int = 1
     visibility: int = 0
     object: int = 0
+    lamp: int = -1
 
 
 NOTHING = Kind()
+MESH, LAMP = Kind._fields.index("mesh"), Kind._fields.index("lamp")
 
 ITEMS_A_CHECK = 1024  # a few milliseconds
 
@@ -57,6 +59,7 @@ class Placement:
     def __init__(self, depsgraph, materials: MaterialTable, notes: Notes, stop: Stop) -> None:
         self.meshes: list[Mesh] = []
         self.lights: list[Lamp] = []
+        self._lamp_kinds: list[LampKind] = []
         self._materials = materials
         self._notes = notes
         self._stop = stop
@@ -81,22 +84,20 @@ class Placement:
             key = (object_.data, item.instance_object, item.parent) if item.is_instance else object_
             kind = known.get(key)
             if kind is None:
-                if object_.type == "LIGHT":
-                    self._add_light(item, object_)
-                    of_item.append(0)
-                    continue
                 known[key] = kind = len(kinds)
                 kinds.append(self._kind(item, object_))
             of_item.append(kind)
 
         read = matrices_at_once if bpy.app.version >= (5, 0, 0) else matrices_one_by_one
-        return self._gather(kinds, np.array(of_item, np.intp), read(items, len(of_item), self._stop))
+        matrices = read(items, len(of_item), self._stop)
+        table, rows = np.array(kinds, np.int32), np.array(of_item, np.intp)
+        self._place_lamps(table[rows, LAMP], matrices)
+        return self._gather(table, rows, matrices)
 
-    def _gather(self, kinds: list[Kind], of_item: np.ndarray, matrices: np.ndarray) -> Instances:
-        """The structure of arrays: looks each item's properties up in its kind."""
-        table = np.array(kinds, np.int32)
-        drawn = np.flatnonzero(table[of_item, 0] >= 0)
-        mesh, first_slot, slot_count, visibility, object_ = np.ascontiguousarray(table[of_item[drawn]].T)
+    def _gather(self, table: np.ndarray, of_item: np.ndarray, matrices: np.ndarray) -> Instances:
+        """The structure of arrays: looks each item's properties up in its kind, a row of `table`."""
+        drawn = np.flatnonzero(table[of_item, MESH] >= 0)
+        mesh, first_slot, slot_count, visibility, object_, _ = np.ascontiguousarray(table[of_item[drawn]].T)
         return Instances(
             mesh=mesh,
             transforms=matrices[drawn].astype(np.float64),
@@ -108,19 +109,23 @@ class Placement:
             object_names=self._object_names,
         )
 
-    def _add_light(self, item, object_) -> None:
-        if not item.show_self:
-            return
-        matrix = np.array(item.matrix_world, np.float64)[:3]
-        light = export_light(object_, matrix, self._visibility(item, object_), self._notes)
-        if light is not None:
-            self.lights.append(light)
+    def _place_lamps(self, kinds: np.ndarray, matrices: np.ndarray) -> None:
+        """kinds (items,): of each the lamp, or -1; matrices (items, 3, 4) float32."""
+        for number, item in enumerate(np.flatnonzero(kinds >= 0)):
+            if number % ITEMS_A_CHECK == 0:
+                self._stop.check()
+            matrix = np.array(matrices[item], np.float64, order="C")
+            light = export_light(self._lamp_kinds[kinds[item]], matrix, self._notes)
+            if light is not None:
+                self.lights.append(light)
 
     def _kind(self, item, object_) -> Kind:
         if item.show_particles and len(object_.particle_systems):
             self._note_hair(object_)
         if not item.show_self:
             return NOTHING
+        if object_.type == "LIGHT":
+            return self._lamp(item, object_)
         if object_.type != "MESH":
             if object_.type in UNSUPPORTED_TYPES:
                 what = UNSUPPORTED_TYPES[object_.type]
@@ -142,6 +147,13 @@ class Placement:
         first_slot, slot_count = self._slots(object_)
         self._object_names.append(object_.name)
         return Kind(mesh, first_slot, slot_count, int(visibility), len(self._object_names) - 1)
+
+    def _lamp(self, item, object_) -> Kind:
+        lamp = lamp_kind(object_, self._visibility(item, object_), self._notes)
+        if lamp is None:
+            return NOTHING
+        self._lamp_kinds.append(lamp)
+        return Kind(lamp=len(self._lamp_kinds) - 1)
 
     def _mesh(self, owner, data) -> int:
         """Index of the exported mesh of an evaluated datablock, -1 for one without faces."""

@@ -10,7 +10,9 @@ that emits. Lamps that give no light are left out and listed in `Scene.skipped`.
 from __future__ import annotations
 
 from math import pi
+from typing import NamedTuple
 
+import bpy
 import numpy as np
 
 from ...engine import AreaLight, Lamp, PointLight, SpotLight, SunLight, Visibility
@@ -25,12 +27,21 @@ from .notes import Notes
 SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
 
 
-def export_light(object_, matrix: np.ndarray, visibility: Visibility, notes: Notes) -> Lamp | None:
-    """A lamp object placed by `matrix` (3, 4), or None where it gives no light."""
+class LampKind(NamedTuple):
+    """What all placements of a lamp object have in common. color: (3,); strength: see units.py."""
+
+    name: str
+    data: bpy.types.Light
+    color: np.ndarray
+    strength: float
+    visibility: Visibility
+
+
+def lamp_kind(object_, visibility: Visibility, notes: Notes) -> LampKind | None:
+    """A lamp object, wherever it stands, or None where it gives no light."""
     data = object_.data
     name = object_.name
-    convert = LIGHT_CONVERTERS.get(data.type)
-    if convert is None:
+    if data.type not in LIGHT_CONVERTERS:
         notes.warn("light", name, f"type {data.type.lower()} is not supported and left out")
         return None
     if data.type == "AREA" and getattr(getattr(data, "cycles", None), "is_portal", False):
@@ -44,10 +55,18 @@ def export_light(object_, matrix: np.ndarray, visibility: Visibility, notes: Not
     if not visibility & ~Visibility.SHADOW:
         notes.skip("light", name, "it is hidden from every ray")
         return None
+    return LampKind(name, data, color, strength, visibility)
+
+
+def export_light(kind: LampKind, matrix: np.ndarray, notes: Notes) -> Lamp | None:
+    """The lamp placed by `matrix` (3, 4) float64, or None where it gives no light there."""
+    data = kind.data
     if data.type in ("AREA", "SPOT"):
-        _note_shape(data.type, name, matrix[:, :3], notes)
-    common = {"name": name, "transform": matrix, "visibility": visibility, "cast_shadow": bool(data.use_shadow)}
-    return convert(data, color, strength, common, notes)
+        _note_shape(data.type, kind.name, matrix[:, :3], notes)
+    common = {
+        "name": kind.name, "transform": matrix, "visibility": kind.visibility, "cast_shadow": bool(data.use_shadow),
+    }  # fmt: skip
+    return LIGHT_CONVERTERS[data.type](data, kind.color, kind.strength, common, notes)
 
 
 def _note_shape(kind: str, name: str, axes: np.ndarray, notes: Notes) -> None:

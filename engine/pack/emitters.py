@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..features import ELLIPSE, RECTANGLE
+from ..features import ELLIPSE, RECTANGLE, SPOT
 from ..kernels import tables as t
 from ..kernels.geom.vec import LUMINANCE
 from ..lighttree import build_light_tree
@@ -101,30 +101,30 @@ def _rectangles(geometry: t.Geometry, lit: np.ndarray) -> tuple[np.ndarray, np.n
 
 def lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Emitters:
     """Bounds, orientation and power of the lamps. Power in the unit of the emissive triangles': radiance x area."""
-    count = len(local)
-    zero = np.zeros(count)
+    center = rows[:, t.POSITION : t.POSITION + 3].astype(np.float64)
+    radius = rows[:, t.SIZE].astype(np.float64)[:, None]
+    area = np.where(radius > 0, np.pi * radius**2, 1)[:, 0]
     out = Emitters(
-        np.zeros((count, 6)), np.zeros((count, 3)), zero.copy(), zero.copy(), zero.copy(), np.zeros(count, np.bool_)
+        bounds=np.concatenate([center - radius, center + radius], axis=1),
+        axis=rows[:, t.AXIS : t.AXIS + 3].astype(np.float64),
+        theta_o=np.where(kinds & SPOT, 0.0, np.pi),
+        theta_e=np.full(len(local), np.pi / 2),
+        power=rows[:, t.RADIANCE : t.RADIANCE + 3] @ LUMINANCE * area,
+        two_sided=np.zeros(len(local), np.bool_),
     )
-    for i, (light, row) in enumerate(zip(local, rows, strict=True)):
-        center = row[t.POSITION : t.POSITION + 3].astype(np.float64)
-        radiance = float(row[t.RADIANCE : t.RADIANCE + 3] @ LUMINANCE)
-        out.axis[i] = row[t.AXIS : t.AXIS + 3]
-        if kinds[i] & (RECTANGLE | ELLIPSE):
-            corners = corners_of(row)
-            low, high = corners.min(axis=0), corners.max(axis=0)
-            out.theta_e[i] = light.spread / 2 if isinstance(light, AreaLight) else np.pi / 2
-            out.power[i] = radiance * float(row[t.AREA]) * max(float(row[t.TAN_SPREAD] * row[t.SPREAD_NORM]), 1.0)
-        else:
-            radius = float(row[t.SIZE])
-            low, high = center - radius, center + radius
-            out.theta_o[i] = 0 if isinstance(light, SpotLight) else np.pi
+    for i in np.flatnonzero(kinds & (RECTANGLE | ELLIPSE | SPOT)):
+        light, row = local[i], rows[i]
+        if isinstance(light, SpotLight):
             # Seen from the side of a wide lamp the cone's rim shines beyond its angle: keep it conservative.
-            out.theta_e[i] = spot_reach(light) if isinstance(light, SpotLight) else np.pi / 2
-            out.power[i] = radiance * (np.pi * radius**2 if radius > 0 else 1)
-        if not light.visibility & SCATTERED_RAYS:
-            out.power[i] = 0  # only the camera sees it
-        out.bounds[i] = [*low, *high]
+            out.theta_e[i] = spot_reach(light)
+        elif isinstance(light, AreaLight):
+            corners = corners_of(row)
+            out.bounds[i] = [*corners.min(axis=0), *corners.max(axis=0)]
+            out.theta_o[i], out.theta_e[i] = 0.0, light.spread / 2
+            radiance = float(row[t.RADIANCE : t.RADIANCE + 3] @ LUMINANCE)
+            out.power[i] = radiance * float(row[t.AREA]) * max(float(row[t.TAN_SPREAD] * row[t.SPREAD_NORM]), 1.0)
+    scatters = np.array([int(light.visibility) & int(SCATTERED_RAYS) for light in local], np.int64)
+    out.power[scatters == 0] = 0  # only the camera sees it
     return out
 
 

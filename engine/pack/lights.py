@@ -22,7 +22,7 @@ from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SunLight, Visibil
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
 from .geometry import PackedGeometry, fresh
-from .lamps import RAYS_THAT_SEE, lamp_shapes, pack_area, pack_point, unit
+from .lamps import RAYS_THAT_SEE, lamp_shapes, pack_area, pack_points, unit
 from .middle import surface_bounds
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
@@ -48,17 +48,7 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     lit = [light for light in scene.lights if _shines(light)]
     local: list[Lamp] = [light for light in lit if isinstance(light, PointLight | AreaLight)]
     suns = [light for light in lit if isinstance(light, SunLight)]
-    rows = np.zeros((len(local), t.LAMP_WORDS), np.float32)
-    kinds = np.zeros(len(local), np.int32)
-    reach = _reach(scene) if any(isinstance(light, AreaLight) for light in local) else 0.0
-    for i, light in enumerate(local):
-        if isinstance(light, PointLight):
-            kinds[i] = pack_point(rows[i], light)
-        elif isinstance(light, AreaLight):
-            kinds[i] = pack_area(rows[i], light, reach)
-        rows[i, t.UNSHADOWED] = float(not light.cast_shadow)
-        rows[i, t.LAMP_MASK] = float(int(light.visibility & RAYS_THAT_SEE))
-
+    rows, kinds = _pack_local(scene, local)
     emitter_triangle, rectangles, triangle_emitter, of_meshes = mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
     masks = rows[:, t.LAMP_MASK].astype(np.int64)
@@ -104,6 +94,20 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     )
 
 
+def _pack_local(scene: Scene, local: list[Lamp]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and kinds of the lamps that stand somewhere."""
+    rows, kinds = np.zeros((len(local), t.LAMP_WORDS), np.float32), np.zeros(len(local), np.int32)
+    points = [i for i, light in enumerate(local) if isinstance(light, PointLight)]
+    rows[points], kinds[points] = pack_points([light for light in local if isinstance(light, PointLight)])
+    areas = [(i, light) for i, light in enumerate(local) if isinstance(light, AreaLight)]
+    reach = _reach(scene) if areas else 0.0
+    for i, area in areas:
+        kinds[i] = pack_area(rows[i], area, reach)
+    rows[:, t.UNSHADOWED] = [not light.cast_shadow for light in local]
+    rows[:, t.LAMP_MASK] = [int(light.visibility) & int(RAYS_THAT_SEE) for light in local]
+    return rows, kinds
+
+
 def _reach(scene: Scene) -> float:
     """The largest coordinate of its surfaces and of the camera."""
     assert scene.camera is not None
@@ -130,7 +134,7 @@ def _shines(light: Lamp) -> bool:
         color = light.irradiance
     elif isinstance(light, PointLight):
         color = light.intensity
-    return any(color) and bool(light.visibility & RAYS_THAT_SEE)
+    return any(color) and int(light.visibility) & int(RAYS_THAT_SEE) != 0
 
 
 def _world_kind(world: World) -> int:

@@ -301,3 +301,23 @@ def test_lamps_of_an_instanced_collection():
         empty.instance_type, empty.instance_collection = "COLLECTION", collection
     lights = export_scene(depsgraph()).lights
     assert sorted(light.transform[0, 3] for light in lights) == [1.0, 2.0, 3.0]
+
+
+def test_lamps_on_the_points_of_one_object():
+    """What they share is read once: the size, but not the place, and not what an area lamp's scale makes of it."""
+    add_camera()
+    places = bpy.data.meshes.new("Places")
+    places.from_pydata([(1, 0, 0), (2, 0, 0), (3, 0, 0)], [], [])
+    carrier = add_object("Places", places)
+    carrier.instance_type = "VERTS"
+    new_light("POINT", location=(0, 0, 0), rotation=(0, 0, 0), shadow_soft_size=0.25).parent = carrier
+    lights = export_scene(depsgraph()).lights
+    assert sorted(light.transform[0, 3] for light in lights) == [0.0, 1.0, 2.0, 3.0]  # Blender shows it itself too
+    assert {light.radius for light in lights} == {0.25}
+    first, second = (add_object("Empty", None, (x, 0, 0), scale=(x, x, x)) for x in (1, 2))
+    collection = bpy.data.collections.new("Lamps")
+    collection.objects.link(bpy.data.objects.new("Area", bpy.data.lights.new("Area", "AREA")))
+    for empty in (first, second):
+        empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    one, two = (light for light in export_scene(depsgraph()).lights if isinstance(light, engine.AreaLight))
+    assert one.radiance[0] == pytest.approx(4 * two.radiance[0])

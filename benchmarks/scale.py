@@ -1,0 +1,355 @@
+"""How Lobe's time and memory grow with a scene, and how its time falls with threads.
+
+    python benchmarks/scale.py triangles   # 1e3 to 1e7: render time; time until the first sample beside Cycles'
+    python benchmarks/scale.py memory      # the same scenes: the most memory, beside Cycles'
+    python benchmarks/scale.py instances   # half a million: export; time until the first sample beside Cycles'
+    python benchmarks/scale.py emitters    # 1e2 to 1e5 lamps, and emissive triangles: render time
+    python benchmarks/scale.py threads     # the sample scenes on one thread and on two
+    python benchmarks/scale.py all
+
+What is compared is rendered in turn, round by round, in one process; ratios are of one round, and a column gives their
+median with the smallest and the largest. "render" is the phase in which samples are taken. The time until the first
+sample is that of a picture of 4 x 4 pixels and one sample, from pressing F12 to the end, less "evaluation": the same
+with an engine that does nothing, which neither can avoid. Memory is the most that a process holds which makes the scene
+and renders it once, from the end of the making on. Tables go to benchmarks/results/scale_*.csv and .md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Hashable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import common
+import numpy as np
+import scale_scenes as scenes
+from common import br
+from export_build import add_idle_engine
+from tqdm import tqdm
+
+from tools import metrics
+from tools.render import resolution, whole_number
+
+TRIANGLES = (10**3, 10**4, 10**5, 10**6, 10**7)
+INSTANCES = 500_000
+EMITTERS = (10**2, 10**3, 10**4, 10**5)  # at most scale_scenes.SMALL_TRIANGLES
+ENGINES = ("IDLE", "LOBE", "CYCLES")
+BYTES_A_TRIANGLE = 400  # of memory, roughly: all scenes of `triangles`, and the engine that needs more
+Rounds = dict[Any, list[dict]]
+
+
+# --- measuring ------------------------------------------------------------------------------------------------
+
+
+def in_turn(steps: dict[Hashable, Callable[[], dict]], runs: int, name: str) -> Rounds:
+    """What each step gives in each of so many rounds. They go forth and back, after one round that warms up."""
+    found: Rounds = {key: [] for key in steps}
+    with tqdm(total=(runs + 1) * len(steps), desc=name, file=sys.stderr) as bar:
+        for run in range(runs + 1):
+            for key in steps if run % 2 == 0 else reversed(steps):
+                bar.set_postfix_str(" ".join(map(str, key)) if isinstance(key, tuple) else str(key))
+                result = steps[key]()
+                if run:
+                    found[key].append(result)
+                bar.update()
+    return found
+
+
+def render(scene, engine: str, size: tuple[int, int], samples: int, threads: int) -> dict:
+    """The report of a render."""
+    br.set_resolution(scene, *size)
+    br.set_threads(scene, threads)
+    scene.lobe.samples = samples
+    br.set_engine(scene, engine)
+    return br.render(scene)
+
+
+def seconds(reports: list[dict], phase: str) -> np.ndarray:
+    return np.array([report["seconds"][phase] for report in reports])
+
+
+def first_sample(scene, options: argparse.Namespace) -> dict[str, Callable[[], dict]]:
+    """For each engine the render that is nearly all preparation."""
+    return {engine: partial(render, scene, engine, (4, 4), 1, options.threads) for engine in ENGINES}
+
+
+# --- figures --------------------------------------------------------------------------------------------------
+
+
+def ratio_text(numerators: Sequence[float] | np.ndarray, denominators: Sequence[float] | np.ndarray) -> str:
+    """Of measurements in turn the median ratio, the smallest and the largest: "1.23 (1.20 to 1.25)"."""
+    return "{:.2f} ({:.2f} to {:.2f})".format(*metrics.median_ratio(numerators, denominators))
+
+
+def short(number: int) -> str:
+    """As in "5e5"."""
+    return f"{number:.0e}".replace("e+0", "e")
+
+
+def growth(counts: Sequence[int], values: Sequence[float]) -> list[float]:
+    """From each row to the next, the power of the count with which the value grows: 1 is linear. nan for the first."""
+    steps = np.diff(np.log(values)) / np.diff(np.log(counts))
+    return [math.nan, *map(float, steps)]
+
+
+def logarithm(counts: Sequence[int], values: Sequence[float]) -> tuple[float, float, float]:
+    """(start, growth with each factor of ten, largest relative distance from a value) of the straight line over
+    log10(count / counts[0]) with the least squares."""
+    decades = np.log10(np.asarray(counts, float) / counts[0])
+    slope, start = np.polyfit(decades, values, 1)
+    line = start + slope * decades
+    return float(start), float(slope), float(np.abs(line / values - 1).max())
+
+
+def affordable(counts: Sequence[int], memory: float) -> list[int]:
+    """The first of `counts` that fit a memory of so many bytes."""
+    return [count for count in counts if count * BYTES_A_TRIANGLE <= memory]
+
+
+def preparation(found: dict[str, list[dict]]) -> dict[str, str]:
+    """Columns about the time until the first sample, of the rounds of each engine."""
+    idle, lobe, cycles = (seconds(found[engine], "total") for engine in ENGINES)
+    return {
+        "evaluation, s": f"{np.median(idle):.3f}",
+        "Lobe: export, s": f"{np.median(seconds(found['LOBE'], 'export')):.3f}",
+        "Lobe: build, s": f"{np.median(seconds(found['LOBE'], 'build')):.3f}",
+        "Lobe, s": f"{np.median(own(lobe, idle)):.3f}",
+        "Cycles, s": f"{np.median(own(cycles, idle)):.3f}",
+        "Lobe / Cycles": ratio_text(own(lobe, idle), own(cycles, idle)),
+    }
+
+
+def own(engine: np.ndarray, idle: np.ndarray) -> np.ndarray:
+    """Seconds of an engine without those that Blender takes."""
+    return np.maximum(engine - idle, 1e-6)
+
+
+# --- questions ------------------------------------------------------------------------------------------------
+
+
+def triangles(options: argparse.Namespace) -> str:
+    counts = options.triangles
+    steps: dict[Hashable, Callable[[], dict]] = {}
+    for count in counts:
+        scene = scenes.terrain(count)
+        steps |= {(short(count), engine): step for engine, step in first_sample(scene, options).items()}
+        steps[short(count), "render"] = partial(
+            render, scene, "LOBE", options.resolution, options.samples, options.threads
+        )
+    found = in_turn(steps, options.runs, "triangles")
+    rows = triangle_rows(counts, found, options)
+    return common.update_table(
+        "scale_triangles", ("triangles", "threads"), rows, folder=options.results, note=triangle_note(counts, found)
+    )
+
+
+def triangle_rows(counts: Sequence[int], found: Rounds, options: argparse.Namespace) -> list[dict]:
+    """found: the rounds of ("1e3", "LOBE") and so on, and of ("1e3", "render")."""
+    base = seconds(found[short(counts[0]), "render"], "render")
+    of_engines = [{engine: found[short(count), engine] for engine in ENGINES} for count in counts]
+    first = [np.median(own(seconds(e["LOBE"], "total"), seconds(e["IDLE"], "total"))) for e in of_engines]
+    return [
+        {
+            "triangles": short(count),
+            "exactly": scenes.terrain_triangles(count),
+            "rounds": options.runs,
+            "threads": options.threads,
+            f"render / that of {short(counts[0])}": ratio_text(seconds(found[short(count), "render"], "render"), base),
+            **preparation(engines),
+            "Lobe grows with the power": "" if math.isnan(power) else f"{power:.2f}",
+            "wanted": "Lobe / Cycles at most 1",
+        }
+        for count, engines, power in zip(counts, of_engines, growth(counts, first), strict=True)
+    ]
+
+
+def triangle_note(counts: Sequence[int], found: Rounds) -> str:
+    """How render time grows, in a sentence; and what is left out."""
+    base = seconds(found[short(counts[0]), "render"], "render")
+    ratios = [metrics.median_ratio(seconds(found[short(c), "render"], "render"), base)[0] for c in counts]
+    text = ""
+    if len(counts) > 1:
+        start, slope, worst = logarithm(counts, ratios)
+        text = (
+            f"Render time is {start:.2f} + {slope:.3f} log10(triangles / {short(counts[0])}) times that of "
+            f"{short(counts[0])}, by least squares; no figure is farther from that than {worst:.0%}.\n\n"
+        )
+    missing = [short(count) for count in TRIANGLES if count not in counts]
+    return text + (f"Left out, for want of memory or by `--largest`: {', '.join(missing)}.\n\n" if missing else "")
+
+
+def memory(options: argparse.Namespace) -> str:
+    of_kind = [("triangles", count) for count in options.triangles]
+    of_kind += [("instances", count) for count in (INSTANCES,) if count <= options.largest]
+    steps: dict[Hashable, Callable[[], dict]] = {
+        (kind, short(count), engine): partial(child, kind, count, engine, options.threads)
+        for kind, count in of_kind
+        for engine in ENGINES
+    }
+    found = in_turn(steps, options.runs, "memory")
+    rows = []
+    for kind, count in of_kind:
+        idle, lobe, cycles = (np.array([r["peak"] for r in found[kind, short(count), engine]]) for engine in ENGINES)
+        rows.append({
+            "scene": kind,
+            "number": short(count),
+            "rounds": options.runs,
+            "threads": options.threads,
+            "nothing, MB": f"{np.median(idle):.0f}",
+            "Lobe, MB": f"{np.median(lobe):.0f}",
+            "Cycles, MB": f"{np.median(cycles):.0f}",
+            "Lobe / Cycles": ratio_text(lobe, cycles),
+            "Lobe - Cycles, MB": f"{np.median(lobe - cycles):.0f}",
+            "wanted": "Lobe / Cycles at most 1",
+        })  # fmt: skip
+    return common.update_table("scale_memory", ("scene", "number", "threads"), rows, folder=options.results)
+
+
+def instances(options: argparse.Namespace) -> str:
+    count = min(INSTANCES, options.largest)
+    found = in_turn(dict(first_sample(scenes.instances(count), options)), options.runs, "instances")
+    row = {
+        "instances": short(count),
+        "rounds": options.runs,
+        "threads": options.threads,
+        **preparation(found),
+        "wanted": "export below 2 s",
+    }
+    return common.update_table("scale_instances", ("instances", "threads"), [row], folder=options.results)
+
+
+def emitters(options: argparse.Namespace) -> str:
+    kinds = ("lamps", "emissive triangles")
+    counts = [count for count in EMITTERS if count <= options.largest]
+    steps: dict[Hashable, Callable[[], dict]] = {
+        (kind, short(count)): partial(
+            render, scenes.MAKERS[kind](count), "LOBE", options.resolution, options.samples, options.threads
+        )
+        for kind in kinds
+        for count in counts
+    }
+    found = in_turn(steps, options.runs, "emitters")
+    rows = []
+    for kind, count in ((kind, count) for kind in kinds for count in counts):
+        own_rounds, base = found[kind, short(count)], found[kind, short(counts[0])]
+        rows.append({
+            "emitters": kind,
+            "number": short(count),
+            "rounds": options.runs,
+            "threads": options.threads,
+            f"render / that of {short(counts[0])}": ratio_text(seconds(own_rounds, "render"), seconds(base, "render")),
+            "Lobe: export, s": f"{np.median(seconds(own_rounds, 'export')):.3f}",
+            "Lobe: build, s": f"{np.median(seconds(own_rounds, 'build')):.3f}",
+            "wanted": "at most 1.5" if count == EMITTERS[-1] else "",
+        })  # fmt: skip
+    return common.update_table("scale_emitters", ("emitters", "number", "threads"), rows, folder=options.results)
+
+
+def threads(options: argparse.Namespace) -> str:
+    rows = []
+    for name in common.SCENES:
+        scene = common.prepare(common.scene_path(name), options.resolution, 2)
+        steps: dict[Hashable, Callable[[], dict]] = {
+            f"{n} threads": partial(render, scene, "LOBE", options.resolution, options.samples, n) for n in (1, 2)
+        }
+        one, two = (seconds(reports, "render") for reports in in_turn(steps, options.runs, name).values())
+        rows.append({
+            "scene": name,
+            "resolution": "{}x{}".format(*options.resolution),
+            "samples": options.samples,
+            "pairs": options.runs,
+            "render, one thread / two": ratio_text(one, two),
+            "wanted": "at least 1.9",
+        })  # fmt: skip
+    return common.update_table("scale_threads", ("scene", "resolution", "samples"), rows, folder=options.results)
+
+
+# --- memory, in a process of its own --------------------------------------------------------------------------
+
+
+def child(kind: str, count: int, engine: str, thread_count: int) -> dict:
+    """{"peak": MB} of a process that makes a scene and renders it with an engine."""
+    words = [sys.executable, __file__, "memory", "--child", kind, str(count), engine, "--threads", str(thread_count)]
+    done = subprocess.run(words, capture_output=True, text=True)
+    if done.returncode:
+        raise br.ToolError(f"a render of {count} {kind} with {engine} failed:\n{done.stderr[-2000:]}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def as_child(kind: str, count: str, engine: str, thread_count: int) -> dict:
+    scenes.empty_file()
+    scene = scenes.MAKERS[kind](int(count))
+    forget_peak()
+    render(scene, engine, (64, 64), 1, thread_count)
+    return {"peak": peak_mb()}
+
+
+def forget_peak() -> None:
+    """What making the scene took does not count. Elsewhere than on Linux it does, for all engines alike."""
+    if sys.platform == "linux":
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_mb() -> float:
+    """Resident memory of this process at its highest. On Linux not `ru_maxrss`: that starts with what the process held
+    that this one was forked from, and nothing lowers it."""
+    if sys.platform != "linux":
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20)
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
+
+
+# --- command line ---------------------------------------------------------------------------------------------
+
+QUESTIONS = {
+    "triangles": triangles, "memory": memory, "instances": instances, "emitters": emitters, "threads": threads,
+}  # fmt: skip
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("question", nargs="?", choices=[*QUESTIONS, "all"], default="all")
+    parser.add_argument("--runs", type=whole_number(1, 1000), default=5, metavar="N", help="rounds; default: 5")
+    parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N",
+                        help="not of the question `threads`; default: 2")  # fmt: skip
+    parser.add_argument("--resolution", type=resolution, default=(256, 256), metavar="WxH", help="default: 256x256")
+    parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=64, metavar="N", help="default: 64")
+    parser.add_argument("--largest", type=whole_number(100, 10**9), default=10**9, metavar="N",
+                        help="no scene with a larger number of triangles, instances or emitters")  # fmt: skip
+    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
+                        help="for tables; default: benchmarks/results")  # fmt: skip
+    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    fits = affordable(TRIANGLES, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    options.triangles = [count for count in fits if count <= options.largest] or [TRIANGLES[0]]
+    return options
+
+
+def main() -> int:
+    options = parse()
+    with br.quiet_stdout() as say:
+        try:
+            common.enable_lobe()
+            add_idle_engine()
+            if options.child:
+                say(json.dumps(as_child(*options.child, options.threads)))
+                return 0
+            for name in QUESTIONS if options.question == "all" else (options.question,):
+                scenes.empty_file()
+                say(QUESTIONS[name](options))
+        except br.ToolError as error:
+            print(f"scale.py: {error}", file=sys.stderr)
+            return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

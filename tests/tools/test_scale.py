@@ -1,0 +1,112 @@
+"""benchmarks/scale.py: its figures on made-up renders whose truth is known, its scenes' arrays, and one small run."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="module")
+def scale(repository):
+    """Under a name of its own: a checkout in a folder `scale` is a package of that name to pytest."""
+    spec = importlib.util.spec_from_file_location("benchmarks_scale", repository / "benchmarks" / "scale.py")
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(repository / "benchmarks"))
+        spec.loader.exec_module(module)
+        yield module
+
+
+def reports(*totals: float, **phases: float) -> list[dict]:
+    return [{"seconds": {"export": 0.0, "build": 0.0, "total": total, "render": total, **phases}} for total in totals]
+
+
+def test_logarithm_and_growth(scale):
+    counts = [10, 100, 1000]
+    assert scale.logarithm(counts, [2.0, 2.5, 3.0]) == pytest.approx((2.0, 0.5, 0.0))
+    assert scale.logarithm(counts, [1.0, 2.0, 5.0])[2] > 0.2
+    assert scale.growth(counts, [1.0, 10.0, 1000.0]) == pytest.approx([math.nan, 1.0, 2.0], nan_ok=True)
+
+
+def test_steps_go_forth_and_back_after_a_warm_up(scale):
+    order: list[str] = []
+
+    def step(name: str):
+        return lambda: order.append(name) or {"number": len(order)}
+
+    found = scale.in_turn({"a": step("a"), "b": step("b")}, 2, "test")
+    assert "".join(order) == "abbaab"
+    assert found == {"a": [{"number": 4}, {"number": 5}], "b": [{"number": 3}, {"number": 6}]}
+
+
+def test_numbers_are_short(scale):
+    assert [scale.short(n) for n in (100, 500_000, 10**7)] == ["1e2", "5e5", "1e7"]
+
+
+def test_preparation_leaves_out_what_blender_takes(scale):
+    found = {"IDLE": reports(1.0, 1.0), "LOBE": reports(2.0, 3.0, export=0.25), "CYCLES": reports(3.0, 5.0)}
+    row = scale.preparation(found)
+    assert row["Lobe / Cycles"] == "0.50 (0.50 to 0.50)"
+    assert (row["evaluation, s"], row["Lobe, s"], row["Cycles, s"]) == ("1.000", "1.500", "3.000")
+    assert row["Lobe: export, s"] == "0.250"
+
+
+def test_rows_of_triangles(scale):
+    counts, options = (1000, 10_000), scale.parse(["triangles", "--runs", "2"])
+    found = {}
+    for name, idle, lobe, cycles, render in (("1e3", 1.0, 1.5, 2.0, 4.0), ("1e4", 1.0, 6.0, 3.5, 5.0)):
+        found |= {(name, "IDLE"): reports(idle, idle), (name, "LOBE"): reports(lobe, lobe)}
+        found |= {(name, "CYCLES"): reports(cycles, cycles), (name, "render"): reports(render, render)}
+    first, second = scale.triangle_rows(counts, found, options)
+    assert second["render / that of 1e3"] == "1.25 (1.25 to 1.25)"
+    assert (first["Lobe / Cycles"], second["Lobe / Cycles"]) == ("0.50 (0.50 to 0.50)", "2.00 (2.00 to 2.00)")
+    assert (first["Lobe grows with the power"], second["Lobe grows with the power"]) == ("", "1.00")
+    assert "1.00 + 0.250 log10(triangles / 1e3)" in scale.triangle_note(counts, found)
+    assert "1e5, 1e6, 1e7" in scale.triangle_note(counts, found)
+
+
+def test_scenes_that_do_not_fit_are_left_out(scale):
+    assert scale.affordable([10, 100, 1000], 100 * scale.BYTES_A_TRIANGLE) == [10, 100]
+    assert scale.parse(["all", "--largest", "10000"]).triangles == [1000, 10_000]
+
+
+@pytest.mark.parametrize("count", [1000, 10_000])
+def test_the_terrain_has_about_so_many_triangles_and_one_shape(scale, count):
+    scenes = scale.scenes
+    assert abs(scenes.terrain_triangles(count) / count - 1) < 0.05
+    vertices, faces = scenes.grid(scenes.quads_per_side(count))
+    assert 2 * len(faces) == scenes.terrain_triangles(count)
+    assert faces.max() == len(vertices) - 1
+    x, y, z = vertices.T
+    assert np.allclose(z, 0.15 * np.sin(4 * x + 1) * np.cos(3.5 * y), atol=1e-6)
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normal[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize("count", [100, 5000])
+def test_small_triangles_share_one_area(scale, count):
+    vertices, faces = scale.scenes.small_triangles(count)
+    a, b, c = vertices[faces].astype(float).transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    assert len(area) == count
+    assert area.sum() == pytest.approx(scale.scenes.EMITTER_AREA, rel=1e-3)
+    assert np.ptp(area) < 0.01 * area.mean()
+
+
+def test_a_small_run_leaves_its_tables(repository: Path, tmp_path: Path) -> None:
+    """Every question but the one about the sample scenes, with the smallest scene of each."""
+    for question, table in (("triangles", "triangles"), ("instances", "instances"), ("emitters", "emitters")):
+        words = [question, "--runs", "1", "--largest", "1000", "--resolution", "16x16", "--samples", "1"]
+        command = [sys.executable, "benchmarks/scale.py", *words, "--results", str(tmp_path)]
+        done = subprocess.run(command, cwd=repository, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        with (tmp_path / f"scale_{table}.csv").open(newline="") as file:
+            assert list(csv.DictReader(file))
