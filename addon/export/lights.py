@@ -21,6 +21,7 @@ from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output
 from .materials.values import Evaluator
 from .notes import Notes
+from .unsupported import note_light
 
 SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
 
@@ -44,6 +45,7 @@ def export_light(object_, matrix: np.ndarray, visibility: Visibility, notes: Not
     if not visibility & ~Visibility.SHADOW:
         notes.skip("light", name, "it is hidden from every ray")
         return None
+    note_light(data, name, notes)
     if data.type in ("AREA", "SPOT"):
         _note_shape(data.type, name, matrix[:, :3], notes)
     common = {"name": name, "transform": matrix, "visibility": visibility, "cast_shadow": bool(data.use_shadow)}

@@ -18,13 +18,26 @@ class Layout:
     def __init__(self) -> None:
         self.shown: list[tuple[str, str]] = []
 
+        self.texts: list[str] = []
+
     def column(self, **_) -> Layout:
         return self
 
-    def row(self, **_) -> Layout:
-        return self
+    row = box = split = column
 
     def separator(self) -> None: ...
+
+    def label(self, text: str = "", **_) -> None:
+        self.texts.append(text)
+
+    def operator(self, name: str, **_) -> SimpleNamespace:
+        group, _, rest = name.partition(".")
+        getattr(getattr(bpy.ops, group), rest).get_rna_type()  # raises where there is none
+        self.shown.append(("operator", name))
+        return SimpleNamespace()
+
+    def template_node_view(self, tree, node, socket) -> None:
+        self.shown.append(("node view", node.bl_idname))
 
     def prop(self, owner, name: str, **_) -> None:
         assert name in owner.bl_rna.properties, f"{owner} has no property {name}"
@@ -33,7 +46,7 @@ class Layout:
 
 @pytest.fixture
 def classes() -> list[type]:
-    return list(sys.modules[f"{MODULE}.addon.ui"]._CLASSES)
+    return [cls for cls in sys.modules[f"{MODULE}.addon.ui"]._CLASSES if hasattr(cls, "bl_context")]
 
 
 def draw(cls: type, context) -> list[tuple[str, str]]:
@@ -47,13 +60,18 @@ def draw(cls: type, context) -> list[tuple[str, str]]:
 
 
 def fake_context(**values) -> SimpleNamespace:
-    return SimpleNamespace(scene=bpy.context.scene, engine="LOBE", light=None, object=None, **values)
+    context = SimpleNamespace(scene=bpy.context.scene, engine="LOBE", view_layer=bpy.context.view_layer, region=None)
+    context.preferences = bpy.context.preferences
+    context.light = context.object = context.world = context.material = None
+    context.__dict__.update(values)
+    return context
 
 
 def test_every_setting_is_shown_once(classes) -> None:
     scene = bpy.context.scene
     scene.lobe.use_adaptive_sampling = True
-    shown = [s for c in classes if c.bl_context == "render" for s in draw(c, fake_context())]
+    context = fake_context()
+    shown = [s for c in classes if c.bl_context == "render" and c.poll(context) for s in draw(c, context)]
     settings = [name for owner, name in shown if owner == "LobeSettings"]
     assert sorted(settings) == sorted(name for name in Settings.__dataclass_fields__ if name != "threads")
     assert {("RenderSettings", "threads"), ("RenderSettings", "film_transparent")} <= set(shown)
