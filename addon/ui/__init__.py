@@ -8,8 +8,8 @@ from . import compat, data_panels, material_panels, presets, render_panels, repo
 
 _CLASSES = (
     *presets.CLASSES,
+    *report_panel.CLASSES,  # first in its tab, where one sees the number in its header
     *render_panels.CLASSES,
-    *report_panel.CLASSES,
     *data_panels.CLASSES,
     *material_panels.CLASSES,
 )

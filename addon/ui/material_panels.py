@@ -9,6 +9,7 @@ from ..export.materials.material import export_material, uses_nodes
 from ..export.materials.tree import is_phong_group, shader_output
 from ..export.notes import Notes
 from ..export.stop import Stop
+from ..export.units import exponent_to_roughness
 from ..phong_group import phong_group
 from .panel import LobePanel
 from .text import draw_text
@@ -95,11 +96,12 @@ class LOBE_MATERIAL_PT_phong(_MaterialPanel, bpy.types.Panel):
             row = column.row()
             row.enabled = not socket.is_linked
             row.prop(socket, "default_value", text=name if not socket.is_linked else f"{name} (linked)")
-        kd, ks = (node.inputs[name].default_value for name in ("kd", "ks"))
-        if not (node.inputs["kd"].is_linked or node.inputs["ks"].is_linked):
-            if max(kd[channel] + ks[channel] for channel in range(3)) > 1.0 + 1e-6:
-                text = "kd + ks is above 1: this surface gives back more light than it gets"
-                draw_text(column, context, text, "ERROR")
+        if not any(node.inputs[name].is_linked for name in INPUTS):
+            kd, ks, exponent = (node.inputs[name].default_value for name in INPUTS)
+            back = max(kd[channel] + ks[channel] for channel in range(3))
+            roughness = exponent_to_roughness(exponent)
+            text = f"Gives back up to {back:.0%} of the light, as sharp as roughness {roughness:.2g}"
+            draw_text(self.layout, context, text, "ERROR" if back > 1.0 + 1e-6 else "INFO")
 
 
 class LOBE_MATERIAL_PT_understood(_MaterialPanel, bpy.types.Panel):

@@ -85,12 +85,13 @@ def _show_slot(object_, group: Group) -> None:
 class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
     bl_label = "Scene Report"
     bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, context):
         report = scene_report.report_of(context.scene)
-        number = len(report.of_level(ERROR, WARNING)) if report is not None else 0
-        if number:
-            self.layout.label(text=str(number))
+        if report is not None:
+            number = len(report.of_level(ERROR, WARNING))
+            self.layout.label(text=str(number or ""), icon="ERROR" if number else "CHECKMARK")
 
     def draw(self, context):
         layout = self.layout

@@ -1,6 +1,6 @@
 """The scene report: nothing is dropped in silence, the panel and the command line say the same, and it finds objects.
 
-`CASES` is the table of what a scene can hold: each either changes the export as asked, or is named.
+`NAMED` and `HONOURED` are tables of what a scene can hold: each is named, or changes the export as asked.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 from tools import blender_render
 from tools.lobe_blender import MODULE
 
-from .export_checks import add_camera, add_object, new_material, node_tree, plane_mesh
+from .export_checks import add_camera, add_object, in_render, new_material, node_tree, plane_mesh
 
 V5 = bpy.app.version >= (5, 0)
 
@@ -157,7 +157,8 @@ NAMED = {
     "motion blur": (put(render, use_motion_blur=True), "motion blur is not supported", "WARNING"),
     "stereo": (put(render, use_multiview=True), "stereo rendering is not supported", "WARNING"),
     "Freestyle": (put(render, use_freestyle=True), "Freestyle lines are not supported", "WARNING"),
-    "caustics off": (cycles(lambda: bpy.context.scene, caustics_reflective=False), "caustics are switched off", "WARNING"),
+    "caustics off": (
+        cycles(lambda: bpy.context.scene, caustics_reflective=False), "caustics are switched off", "WARNING"),
     "fast GI": (cycles(lambda: bpy.context.scene, use_fast_gi=True), "Fast Global Illumination", "WARNING"),
     "camera culling": (None, "culling by the camera", "WARNING"),
     "panorama": (put(lambda: bpy.data.cameras["Camera"], type="PANO"), "type pano is not supported", "WARNING"),
@@ -181,7 +182,8 @@ NAMED = {
     "caustics light": (cycles(lamp, is_caustics_light=True), "shadow caustics are not supported", "WARNING"),
     "caustics world": (cycles(lambda: bpy.context.scene.world, is_caustics_light=True), "shadow caustics", "WARNING"),
     "a lamp's bounces": (cycles(lamp, max_bounces=1), "its own limit of bounces is not supported", "WARNING"),
-    "a world's bounces": (cycles(lambda: bpy.context.scene.world, max_bounces=1), "its own limit of bounces", "WARNING"),
+    "a world's bounces": (
+        cycles(lambda: bpy.context.scene.world, max_bounces=1), "its own limit of bounces", "WARNING"),
     "a lamp's factors": (put(lamp, specular_factor=0.0), "specular factor: only EEVEE knows that", "SKIPPED"),
     "a lamp's reach": (put(lamp, use_custom_distance=True), "custom distance: only EEVEE knows that", "SKIPPED"),
     "IES": (lambda: light_nodes("ShaderNodeTexIES", "Strength"), "IES Texture is not supported", "WARNING"),
@@ -299,3 +301,301 @@ def test_what_is_not_drawn_as_asked_is_named(scene, checked, case) -> None:
     make()
     found = texts(checked(), level)
     assert any(expected in text for text in found), found
+
+
+# --- what is honoured -------------------------------------------------------------------------------------------------
+
+
+def geometry_nodes_instances():
+    """A cube at each corner of the plane."""
+    group = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeInstanceOnPoints", "GeometryNodeMeshCube", "NodeGroupOutput")
+    start, scatter, cube, end = (group.nodes.new(kind) for kind in kinds)
+    group.links.new(start.outputs[0], scatter.inputs["Points"])
+    group.links.new(cube.outputs["Mesh"], scatter.inputs["Instance"])
+    group.links.new(scatter.outputs[0], end.inputs[0])
+    plane().modifiers.new("Scatter", "NODES").node_group = group
+
+
+def collection_instance():
+    inner = bpy.data.collections.new("Inner")
+    inner.objects.link(bpy.data.objects.new("Inside", plane_mesh()))
+    empty = add_object("Instancer", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", inner
+
+
+def background_scene():
+    other = bpy.data.scenes.new("Set")
+    other.collection.objects.link(bpy.data.objects.new("Backdrop", plane_mesh()))
+    bpy.context.scene.background_set = other
+
+
+def depth_of_field():
+    dof = bpy.data.cameras["Camera"].dof
+    dof.use_dof, dof.aperture_fstop, dof.aperture_blades, dof.aperture_ratio = True, 1.0, 6, 2.0
+
+
+def border():
+    render().use_border, render().border_max_x = True, 0.5
+
+
+def meta():
+    data = bpy.data.metaballs.new("Meta")
+    data.elements.new()
+    add_object("Meta", data)
+
+
+def curve():
+    data = bpy.data.curves.new("Curve", "CURVE")
+    data.splines.new("BEZIER").bezier_points.add(1)
+    data.splines[0].bezier_points[1].co = (1, 0, 0)
+    data.bevel_depth = 0.1
+    add_object("Curve", data)
+
+
+def only_in_renders():
+    """What the viewport's evaluation doesn't hold."""
+    object_of("volumes")()
+    bpy.data.objects["Thing"].hide_viewport = True
+
+
+def subdivided_in_renders():
+    modifier = plane().modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels, modifier.render_levels = 0, 2
+
+
+def instances(exported) -> int:
+    return len(exported.instances.mesh)
+
+
+# What is in the scene -> (how to make it, what is then true of the exported scene).
+HONOURED = {
+    "text": (lambda: setattr(add_object("Text", bpy.data.curves.new("Text", "FONT")).data, "body", "A"),
+             lambda scene: instances(scene) == 2),
+    "curve": (curve, lambda scene: instances(scene) == 2),
+    "metaball": (meta, lambda scene: instances(scene) == 2),
+    "collection instance": (collection_instance, lambda scene: instances(scene) == 2),
+    "geometry nodes": (geometry_nodes_instances, lambda scene: instances(scene) == 4),
+    "background scene": (background_scene, lambda scene: instances(scene) == 2),
+    "render subdivision": (subdivided_in_renders, lambda scene: len(scene.meshes[0].triangles) == 32),
+    "no environment": (put(layer, use_sky=False), lambda scene: not any(scene.world.color)),
+    "film": (put(render, film_transparent=True), lambda scene: scene.transparent_film),
+    "border": (border, lambda scene: scene.region == (0, 0, 16, 24)),
+    "depth of field": (
+        depth_of_field, lambda scene: (a := scene.camera.aperture) is not None and (a.blades, a.ratio) == (6, 2.0)),
+    "orthographic": (put(lambda: bpy.data.cameras["Camera"], type="ORTHO"), lambda scene: scene.camera.orthographic),
+    "hidden from the camera": (
+        put(plane, visible_camera=False), lambda scene: not scene.instances.visibility[0] & 1),
+    "indirect only": (
+        lambda: collection_flag(indirect_only=True),
+        lambda scene: sorted(v & 1 for v in scene.instances.visibility) == [0, 1]),
+    "no shadow": (put(lamp, use_shadow=False), lambda scene: not scene.lights[0].cast_shadow),
+    "soft falloff off": (put(lamp, use_soft_falloff=False), lambda scene: not scene.lights[0].soft_falloff),
+    "exposure of the film": (
+        cycles(lambda: bpy.context.scene, film_exposure=2.0), lambda scene: scene.exposure == 2.0),
+    "material override": (
+        lambda: setattr(layer(), "material_override", new_material("Over", "ShaderNodeEmission")[0]),
+        lambda scene: any(scene.materials[scene.instances.material_table[0]].emission)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HONOURED)
+def test_what_is_honoured_is_drawn_and_not_listed(scene, part, checked, case) -> None:
+    make, holds = HONOURED[case]
+    export_scene = part("export").export_scene
+    assert not holds(in_render(lambda engine, graph: export_scene(graph)))
+    make()
+    assert holds(in_render(lambda engine, graph: export_scene(graph)))
+    assert texts(checked()) == []
+
+
+# --- the check ------------------------------------------------------------------------------------------------------
+
+
+def test_the_check_sees_what_a_render_sees(scene, checked) -> None:
+    only_in_renders()
+    assert [group.names for group in checked()] == [("Thing",)]
+    bpy.data.objects["Thing"].hide_render = True
+    assert checked() == []
+
+
+def test_all_view_layers_are_checked(scene, checked) -> None:
+    scene.view_layers.new("Second").use_pass_normal = True
+    assert [group.names for group in checked()] == [("Second",)]
+
+
+def test_the_check_leaves_everything_as_it_was(scene, checked) -> None:
+    engines = {cls for cls in bpy.types.RenderEngine.__subclasses__() if cls.is_registered}
+    names = ("scenes", "objects", "meshes", "materials", "collections", "worlds", "node_groups")
+    before = {name: len(getattr(bpy.data, name)) for name in names}
+    scene.render.use_compositing = True
+    checked()
+    assert {name: len(getattr(bpy.data, name)) for name in before} == before
+    assert bpy.context.scene == scene and scene.render.engine == "LOBE" and scene.render.use_compositing
+    assert {cls for cls in bpy.types.RenderEngine.__subclasses__() if cls.is_registered} == engines
+
+
+def test_the_render_result_stays(scene, checked, rendered, tmp_path) -> None:
+    pixels = rendered(scene)
+    checked()
+    bpy.data.images["Render Result"].save_render(str(tmp_path / "again.exr"), scene=scene)
+    import OpenImageIO as oiio
+
+    again = oiio.ImageBuf(str(tmp_path / "again.exr")).get_pixels(oiio.FLOAT)
+    assert pixels.max() > 0.0 and np.array_equal(again[::-1], pixels)
+
+
+@pytest.mark.parametrize(
+    ("make", "kind", "text"),
+    [
+        (lambda: setattr(bpy.context.scene, "camera", None), "", "the scene has no camera"),
+        (lambda: setattr(lamp(), "energy", -1.0), "light", "negative"),
+    ],
+)
+def test_what_cannot_be_rendered(scene, checked, make, kind, text) -> None:
+    make()
+    (group,) = [group for group in checked() if group.level == "ERROR"]
+    assert group.kind == kind and text in group.what
+    assert group.names == (("Lamp",) if kind else ())
+
+
+def test_a_crash_is_named_and_not_swallowed(scene, part, checked, monkeypatch, capfd) -> None:
+    def fail(*_, **__):
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(part("check"), "export_scene", fail)
+    assert texts(checked(), "ERROR") == ["Lobe failed (ZeroDivisionError: on purpose). This is a bug"]
+    assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+# --- the report -----------------------------------------------------------------------------------------------------
+
+
+def three_of_glass() -> None:
+    shader("ShaderNodeBsdfGlass")
+    for number in range(2):
+        material, _ = new_material(f"Glass {number}", "ShaderNodeBsdfGlass")
+        add_object(f"Pane {number}", plane_mesh()).data.materials.append(material)
+
+
+def test_equal_notes_are_counted_once(scene, checked) -> None:
+    three_of_glass()
+    groups = [group for group in checked() if "Glass BSDF" in group.what]
+    assert [sorted(group.names) for group in groups] == [["Glass 0", "Glass 1", "Other"]]
+
+
+def test_names_of_images_do_not_keep_notes_apart(part) -> None:
+    notes = part("export").Notes()
+    for name in ("a.png", "b.png"):
+        notes.warn("material", name, f"image '{name}' is not mapped, its average colour is drawn")
+    (group,) = part("export").grouped(notes.all)
+    assert group.what == "image '...' is not mapped, its average colour is drawn" and len(group.names) == 2
+
+
+def test_a_render_fills_the_list_too(scene, part, rendered) -> None:
+    three_of_glass()
+    rendered(scene)
+    report = part("scene_report").report_of(scene)
+    assert report.source == "render"
+    assert any("Glass BSDF" in group.what and len(group.names) == 3 for group in report.groups)
+
+
+def test_a_render_that_fails_does_so(scene, part) -> None:
+    lamp().energy = -1.0
+    with pytest.raises(RuntimeError, match="negative"):
+        bpy.ops.render.render()
+    (group,) = part("scene_report").report_of(scene).of_level("ERROR")
+    assert group.names == ("Lamp",)
+
+
+def test_two_scenes_have_reports_of_their_own(scene, part, checked) -> None:
+    shader("ShaderNodeBsdfGlass")
+    other = bpy.data.scenes.new("Other")
+    checked()
+    assert part("scene_report").report_of(other) is None
+
+
+def test_loading_a_file_forgets(scene, part, checked, tmp_path) -> None:
+    shader("ShaderNodeBsdfGlass")
+    checked()
+    path = str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    assert part("scene_report").report_of(bpy.context.scene) is not None
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert part("scene_report").report_of(bpy.context.scene) is None
+
+
+def test_switching_the_add_on_off_and_on(scene, part, checked) -> None:
+    shader("ShaderNodeBsdfGlass")
+    groups = checked()
+    addon_utils.disable(MODULE)
+    gone = bpy.data.scenes.new("Gone")
+    part("scene_report").keep(part("scene_report").key(gone), "check", [])
+    bpy.data.scenes.remove(gone)
+    addon_utils.enable(MODULE, default_set=True)
+    assert list(part("scene_report").report_of(scene).groups) == groups
+    assert len(part("scene_report")._reports) == 1
+
+
+# --- the panel -----------------------------------------------------------------------------------------------------
+
+
+def select(part, what: str) -> set[str]:
+    groups = part("scene_report").report_of(bpy.context.scene).groups
+    index = next(i for i, group in enumerate(groups) if what in group.what)
+    assert bpy.ops.lobe.select_reported(index=index) == {"FINISHED"}
+    return {object_.name for object_ in bpy.context.view_layer.objects if object_.select_get()}
+
+
+def test_the_button_selects_the_objects(scene, part, checked) -> None:
+    three_of_glass()
+    plane().is_shadow_catcher = True
+    lamp().cycles.max_bounces = 1
+    bpy.data.cameras["Camera"].type = "PANO"
+    checked()
+    assert select(part, "Glass BSDF") == {"Plane", "Pane 0", "Pane 1"}
+    assert select(part, "shadow catchers") == {"Plane"}
+    assert bpy.context.view_layer.objects.active == plane()
+    assert select(part, "limit of bounces") == {"Lamp"}
+    assert select(part, "type pano") == {"Camera"}
+
+
+def test_the_button_selects_what_instances_an_object(scene, part, checked) -> None:
+    collection_instance()
+    bpy.data.objects["Inside"].is_shadow_catcher = True
+    checked()
+    assert select(part, "shadow catchers") == {"Instancer"}
+
+
+def test_the_button_says_when_nothing_is_left(scene, part, checked) -> None:
+    plane().is_shadow_catcher = True
+    checked()
+    bpy.data.objects.remove(plane())
+    assert bpy.ops.lobe.select_reported(index=0) == {"CANCELLED"}
+    assert bpy.ops.lobe.select_reported(index=99) == {"CANCELLED"}
+
+
+def test_lines_are_broken_between_words(part) -> None:
+    broken = part("ui.text").broken
+    assert broken("one two three", 7, len) == ["one two", "three"]
+    assert broken("incomprehensible", 3, len) == ["incomprehensible"]
+    assert broken("", 3, len) == []
+
+
+def test_the_command_line_says_the_same(scene, part) -> None:
+    three_of_glass()
+    assert blender_render.check(scene)[:2] == [
+        "Not drawn as asked:",
+        "      3  material    Glass BSDF is not supported, drawn as a glossy pane that light passes straight through: "
+        "Other, Glass 0, Glass 1",
+    ]
+
+
+def test_the_command_line_of_a_scene_that_is_honoured(scene) -> None:
+    assert blender_render.check(scene) == ["Everything in this scene is honoured"]
+    lamp().specular_factor = 0.0
+    lines = blender_render.check(scene)
+    assert lines[:2] == ["Everything in this scene is honoured", "Left out, which changes nothing:"]
+    assert len(lines) == 3
