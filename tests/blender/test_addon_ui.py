@@ -142,8 +142,7 @@ def test_engine_neutral_panels_appear_and_what_is_ignored_does_not(classes) -> N
         name for name in left_out if any(word in name for word in compat._EXCLUDE_WORDS)
     }
     assert len(neutral) - len(left_out) > 100
-    for name in ("RENDER_PT_stereoscopy", "OBJECT_PT_shading", "DATA_PT_camera_stereoscopy", "PARTICLE_PT_hair_shape"):
-        assert name in left_out
+    assert {"RENDER_PT_stereoscopy", "DATA_PT_camera_stereoscopy", "PARTICLE_PT_hair_shape"} <= left_out
     assert not {p.__name__ for p in compat._all_panels() if "LOBE" in getattr(p, "COMPAT_ENGINES", ())} & {
         "RENDER_PT_eevee_motion_blur", "VIEWLAYER_PT_layer_passes", "EEVEE_WORLD_PT_volume", "EEVEE_MATERIAL_PT_volume"
     }  # fmt: skip

@@ -111,7 +111,8 @@ def hair():
 
 
 def grease_pencil():
-    add_object("Ink", bpy.data.grease_pencils_v3.new("Ink") if not V5 else bpy.data.grease_pencils.new("Ink"))
+    drawings = getattr(bpy.data, "grease_pencils_v3", bpy.data.grease_pencils)  # the former in 4.3 to 4.5
+    add_object("Ink", drawings.new("Ink"))
 
 
 def collection_flag(**flags):
@@ -206,6 +207,7 @@ NAMED = {
     "texture": (lambda: feed("BsdfDiffuse", "ShaderNodeTexNoise"), "Noise Texture is not supported", "WARNING"),
     "vertex colours": (
         lambda: feed("BsdfDiffuse", "ShaderNodeVertexColor"), "is not supported and counts as unplugged", "WARNING"),
+    "UDIM tiles": (None, "UDIM tiles are not supported", "WARNING"),
     "glass": (lambda: shader("ShaderNodeBsdfGlass"), "Glass BSDF is not supported", "WARNING"),
     "holdout shader": (lambda: shader("ShaderNodeHoldout"), "Holdout is not supported", "WARNING"),
     "clear coat": (
@@ -285,6 +287,12 @@ def _():
     node = shader("ShaderNodeBsdfToon")
     nodes = node.id_data
     nodes.links.new(nodes.nodes.new("ShaderNodeBump").outputs[0], node.inputs["Normal"])
+
+
+@makes("UDIM tiles")
+def _():
+    image = feed("BsdfDiffuse", "ShaderNodeTexImage").image = bpy.data.images.new("Tiled", 4, 4, tiled=True)
+    image.tiles.new(1002)
 
 
 @makes("opaque shadows")
