@@ -69,7 +69,7 @@ def check(scene) -> list[Note]:
     twin = scene.copy()
     try:
         _leave_no_trace(twin.render)
-        with _engine() as engine:
+        with _engine() as engine, _no_handlers():
             twin.render.engine = engine.bl_idname
             try:
                 bpy.ops.render.render(scene=twin.name)
@@ -86,6 +86,20 @@ def _leave_no_trace(render) -> None:
     """The compositor writes files, the sequencer would render its own strips, and Freestyle would draw its lines."""
     render.use_compositing = render.use_sequencer = render.use_freestyle = False
     render.use_persistent_data = False
+
+
+@contextlib.contextmanager
+def _no_handlers() -> Iterator[None]:
+    """Other add-ons' are about renders: they play a sound at the end, send a mail, switch the computer off."""
+    lists = [getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if name.startswith("render_")]
+    kept = [list(handlers) for handlers in lists]
+    for handlers in lists:
+        handlers.clear()
+    try:
+        yield
+    finally:
+        for handlers, functions in zip(lists, kept, strict=True):
+            handlers[:] = functions
 
 
 @contextlib.contextmanager

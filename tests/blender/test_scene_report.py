@@ -445,6 +445,25 @@ def test_the_check_leaves_everything_as_it_was(scene, checked) -> None:
     assert {cls for cls in bpy.types.RenderEngine.__subclasses__() if cls.is_registered} == engines
 
 
+def test_handlers_of_renders_hear_nothing_of_a_check(scene, checked, rendered) -> None:
+    heard = []
+
+    def hear(*_) -> None:
+        heard.append(1)
+
+    lists = (bpy.app.handlers.render_init, bpy.app.handlers.render_pre, bpy.app.handlers.render_complete)
+    for handlers in lists:
+        handlers.append(hear)
+    try:
+        checked()
+        assert heard == []
+        rendered(scene)
+        assert len(heard) == 3
+    finally:
+        for handlers in lists:
+            handlers.remove(hear)
+
+
 def test_the_render_result_stays(scene, checked, rendered, tmp_path) -> None:
     pixels = rendered(scene)
     checked()
