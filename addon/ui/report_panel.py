@@ -9,7 +9,7 @@ from ..check import LOBE_OT_check_scene
 from ..export.notes import ERROR, SKIPPED, WARNING, Group
 from .objects_of import SELECTABLE, objects_of
 from .panel import LobePanel
-from .text import draw_text
+from .text import draw_text, is_narrower
 
 ICONS = {
     "": "SCENE_DATA",
@@ -23,7 +23,8 @@ ICONS = {
     "library": "LIBRARY_DATA_BROKEN",
 }
 SHOWN = 60  # rows; the command line has no limit
-BUTTON_WIDTH = 70  # pixels at resolution scale 1, of the button beside a text and the margins
+BUTTON_WIDTH = 52  # pixels at resolution scale 1, of the button beside a text
+NARROW = 270  # of a region in which the buttons go below the texts
 TOOLTIP_NAMES = 12
 
 
@@ -106,7 +107,7 @@ class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
             return
         for level in (ERROR, WARNING):
             if groups := report.of_level(level):
-                layout.label(text=f"{scene_report.HEADINGS[level]}, as of the last {report.source}:")
+                draw_text(layout, context, f"{scene_report.HEADINGS[level]}, as of the last {report.source}:")
                 _draw_groups(layout, context, report, groups)
 
 
@@ -130,14 +131,16 @@ class LOBE_RENDER_PT_scene_report_skipped(LobePanel, bpy.types.Panel):
 
 def _draw_groups(layout, context, report: scene_report.Report, groups: list[Group]) -> None:
     column = layout.box().column()
+    narrow = is_narrower(context, NARROW)
     for group in groups[:SHOWN]:
-        row = column.row()
+        selectable = group.kind in SELECTABLE
+        row = column.column() if narrow else column.row()
         icon = "CANCEL" if group.level == ERROR else ICONS[group.kind]
         text = group.what[:1].upper() + group.what[1:]
         if group.kind in ("view layer", "world", "library"):
             text = f"{', '.join(group.names)}: {group.what}"
-        draw_text(row.column(align=True), context, text, icon, BUTTON_WIDTH)
-        if group.kind in SELECTABLE:
+        draw_text(row, context, text, icon, BUTTON_WIDTH if selectable and not narrow else 0)
+        if selectable:
             button = row.row()
             button.alignment = "RIGHT"
             select = button.operator(

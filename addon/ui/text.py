@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import blf
 
-MARGIN = 50  # pixels at resolution scale 1, of a panel and a box
+MARGIN = 42  # pixels at resolution scale 1, of a panel and a box
 ICON = 22
 FALLBACK_WIDTH = 300
 
@@ -12,8 +12,7 @@ FALLBACK_WIDTH = 300
 def draw_text(layout, context, text: str, icon: str = "NONE", beside: float = 0.0) -> None:
     """As many labels below each other as the text needs; `beside` pixels of the row are for something else."""
     scale = context.preferences.system.ui_scale
-    region = context.region
-    width = (region.width if region is not None else FALLBACK_WIDTH) - scale * (MARGIN + beside + ICON)
+    width = _region_width(context) - scale * (MARGIN + beside + ICON * (icon != "NONE"))
     column = layout.column(align=True)
     for number, line in enumerate(broken(text, width, _measure(context, scale))):
         shown = icon if number == 0 else ("BLANK1" if icon != "NONE" else "NONE")
@@ -30,6 +29,15 @@ def broken(text: str, width: float, measure) -> list[str]:
         else:
             lines.append(word)
     return lines
+
+
+def is_narrower(context, width: float) -> bool:
+    """Than so many pixels at resolution scale 1."""
+    return _region_width(context) < width * context.preferences.system.ui_scale
+
+
+def _region_width(context) -> float:
+    return context.region.width if context.region is not None else FALLBACK_WIDTH
 
 
 def _measure(context, scale: float):
