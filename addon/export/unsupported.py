@@ -15,6 +15,8 @@ CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; th
 CAUSTICS = "shadow caustics are not supported and left out"
 OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as the scene's bounces go"
 
+PASSES = ("use_pass_", "pass_", "denoising_store_passes")  # how an engine's properties of these are called
+
 EEVEE_LIGHT = {
     "diffuse_factor": "diffuse factor",
     "specular_factor": "specular factor",
@@ -113,7 +115,7 @@ def _passes(owner) -> list[str]:
     """The names of the passes that are ticked in an engine's own properties."""
     if owner is None:
         return []
-    boxes = [prop for prop in owner.bl_rna.properties if prop.type == "BOOLEAN" and "pass" in prop.identifier]
+    boxes = [prop for prop in owner.bl_rna.properties if prop.type == "BOOLEAN" and prop.identifier.startswith(PASSES)]
     return [prop.name for prop in boxes if getattr(owner, prop.identifier)]
 
 

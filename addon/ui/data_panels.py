@@ -9,6 +9,8 @@ import bpy
 
 from .panel import LobePanel
 
+ALWAYS_NODES = bpy.app.version >= (5, 2)  # lamps: from then on the property only warns
+
 
 class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
     bl_label = "Light"
@@ -91,15 +93,19 @@ class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
         return context.light is not None and super().poll(context)
 
     def draw_header(self, context):
-        self.layout.prop(context.light, "use_nodes", text="")
+        if not ALWAYS_NODES:
+            self.layout.prop(context.light, "use_nodes", text="")
 
     def draw(self, context):
         light = context.light
         self.layout.use_property_split = True
-        self.layout.active = light.use_nodes
-        output = light.node_tree.get_output_node("CYCLES") if light.node_tree is not None else None
+        if not (ALWAYS_NODES or light.use_nodes) or light.node_tree is None:
+            self.layout.active = False
+            self.layout.label(text="The color above is the whole light")
+            return
+        output = light.node_tree.get_output_node("CYCLES")
         if output is None:
-            self.layout.label(text="No output node" if light.use_nodes else "The color above is the whole light")
+            self.layout.label(text="No output node")
         else:
             self.layout.template_node_view(light.node_tree, output, output.inputs["Surface"])
 
