@@ -113,6 +113,19 @@ def _engine() -> Iterator[type[_CheckEngine]]:
         _CheckEngine.found = {}
 
 
+@contextlib.contextmanager
+def _waiting(window) -> Iterator[None]:
+    """Shows the mouse as a clock; there is no window in the background."""
+    if window is None or bpy.app.background:
+        yield
+        return
+    window.cursor_modal_set("WAIT")
+    try:
+        yield
+    finally:
+        window.cursor_modal_restore()
+
+
 class LOBE_OT_check_scene(bpy.types.Operator):
     """List what this scene holds that Lobe does not draw as asked. It renders nothing, and takes as long as exporting \
 the scene does: a moment, some seconds for millions of faces"""
@@ -126,7 +139,8 @@ the scene does: a moment, some seconds for millions of faces"""
 
     def execute(self, context):
         try:
-            notes = check(context.scene)
+            with _waiting(context.window):
+                notes = check(context.scene)
         except CheckStopped:
             self.report({"INFO"}, "Lobe: the check was stopped")
             return {"CANCELLED"}
