@@ -56,12 +56,14 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     seed: IntProperty(
         name="Seed",
-        description="Which random numbers are used. The same seed gives the same picture; animate it to vary the noise",
+        description="Which random numbers are used. The same seed gives the same picture; animate it to vary the "
+        "noise. Costs no time",
         **_limits("seed"),
     )
     time_limit: FloatProperty(
         name="Time Limit",
-        description="Stop after this time and keep what was rendered. 0 means no limit",
+        description="Seconds after which to stop and keep what was rendered. 0 means no limit. The picture keeps the "
+        "noise of the samples that it got",
         unit="TIME_ABSOLUTE",
         soft_max=3600,
         step=100,
@@ -69,7 +71,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     use_adaptive_sampling: BoolProperty(
         name="Use Adaptive Sampling",
-        description="Stop pixels whose noise is below the threshold, and spend the time on the others",
+        description="Stop pixels whose noise is below the threshold, which saves time where large parts of the picture "
+        "are simple. It is slightly biased: not for measurements",
         default=_DEFAULTS.use_adaptive_sampling,
     )
     adaptive_threshold: FloatProperty(
@@ -89,27 +92,27 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     diffuse_bounces: IntProperty(
         name="Diffuse",
-        description="How many of the bounces may be diffuse",
+        description="How many of the bounces may be diffuse. Fewer take less time and darken closed rooms",
         soft_max=64,
         **_limits("diffuse_bounces"),
     )
     glossy_bounces: IntProperty(
         name="Glossy",
-        description="How many of the bounces may be glossy (Phong)",
+        description="How many of the bounces may be glossy (Phong). Fewer take less time and darken what mirrors show",
         soft_max=64,
         **_limits("glossy_bounces"),
     )
     clamp_direct: FloatProperty(
         name="Direct Light",
         description="Upper limit of one path's direct light, as the mean of its channels. Removes bright specks "
-        "and darkens the picture: 0 is off, and unbiased",
+        "and darkens the picture: 0 is off, and unbiased. Costs no time",
         soft_max=100,
         **_limits("clamp_direct"),
     )
     clamp_indirect: FloatProperty(
         name="Indirect Light",
         description="Upper limit of one path's indirect light, as the mean of its channels. Removes bright specks "
-        "and darkens the picture: 0 is off, and unbiased",
+        "and darkens the picture: 0 is off, and unbiased. Costs no time",
         soft_max=100,
         **_limits("clamp_indirect"),
     )
@@ -126,12 +129,12 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     pixel_filter: EnumProperty(
         name="Filter",
-        description="How samples near a pixel's edge are weighed",
+        description="How samples near a pixel's edge are weighed. Costs no time",
         **_items("pixel_filter"),
     )
     filter_width: FloatProperty(
         name="Width",
-        description="Width of the Blackman-Harris filter in pixels. Wider is softer",
+        description="Width of the Blackman-Harris filter in pixels. Wider is softer, and has a little less noise",
         subtype="PIXEL",
         soft_min=1,
         soft_max=3,
@@ -139,7 +142,7 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     road: EnumProperty(
         name="Implementation",
-        description="Which of Lobe's two implementations renders",
+        description="Which of Lobe's two implementations renders. One is slow",
         **_items("road"),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..engine import Result, Scene
+from . import scene_report
 from .memory import current_and_peak_mb
 
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
@@ -25,6 +26,8 @@ def start_report() -> dict:
         "peak_memory_mb": 0.0,
         "skipped": [],
         "warnings": [],
+        "notes": [],  # these two go to the scene report, the rest to `last_report`
+        "scene_key": None,
         "not_exported": [],
         "rejected": 0,
         "stopped": False,
@@ -65,6 +68,7 @@ def nothing_to_see(scene: Scene) -> list[str]:
 
 def publish(report: dict, engine) -> None:
     """Show the report to the user, and keep it."""
+    fill_scene_report(report, report.pop("scene_key"), report.pop("notes"))
     last_report.clear()
     last_report.update(report)
     for warning in report["warnings"]:
@@ -74,6 +78,19 @@ def publish(report: dict, engine) -> None:
     if report["not_exported"]:
         engine.report({"INFO"}, "Lobe left out: " + ", ".join(report["not_exported"]))
     engine.report({"INFO"}, summary(report))  # last, where the status bar shows it
+
+
+def fill_scene_report(report: dict, scene_key: int | None, notes: list[scene_report.Note]) -> None:
+    """With the notes of the export, and with what the engine had to add to them."""
+    if scene_key is None:  # of a preview
+        return
+    exported = {note.sentence for note in notes}
+    added = [
+        scene_report.note_from_sentence(scene_report.WARNING, warning)
+        for warning in report["warnings"]
+        if warning not in exported
+    ]
+    scene_report.keep(scene_key, "render", added + notes)
 
 
 def summary(report: dict) -> str:

@@ -14,7 +14,8 @@ import bpy
 import numpy as np
 
 from .. import engine as lobe
-from .export import ExportStopped, export_scene, export_settings
+from . import scene_report
+from .export import ExportStopped, Notes, export_scene, export_settings
 from .memory import current_and_peak_mb
 from .report import add_layer
 
@@ -46,9 +47,11 @@ class Session:
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
+        self.notes = Notes()
+        self.scene_key = None if engine.is_preview else scene_report.key(depsgraph.scene)
         self.scene: lobe.Scene | None = None  # None when the user cancelled the export
-        with contextlib.suppress(ExportStopped):
-            self.scene = export_scene(depsgraph, stop=self.cancelled)
+        with contextlib.suppress(ExportStopped), self._noting_errors():
+            self.scene = export_scene(depsgraph, stop=self.cancelled, notes=self.notes)
         self.export_seconds = time.perf_counter() - start
 
     def render(self, report: dict) -> None:
@@ -62,13 +65,16 @@ class Session:
         finished = False
         try:
             self._watch(worker, picture)
-            result = worker.outcome()
+            with self._noting_errors():
+                result = worker.outcome()
             if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
                 report["stopped"] = True
             else:
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)
+                report["scene_key"] = self.scene_key
+                report["notes"] += self.notes.all
             finished = True
         finally:
             # Also on Ctrl-C, which arrives here as KeyboardInterrupt.
@@ -79,6 +85,17 @@ class Session:
 
     def cancelled(self) -> bool:
         return self.engine.test_break()
+
+    @contextlib.contextmanager
+    def _noting_errors(self):
+        """What ends the render goes into the scene report too."""
+        try:
+            yield
+        except lobe.LobeError as error:
+            if self.scene_key is not None:
+                failed = scene_report.note_from_sentence(scene_report.ERROR, str(error))
+                scene_report.keep(self.scene_key, "render", [failed, *self.notes.all])
+            raise
 
     def _watch(self, worker: _Worker, picture: _Picture) -> None:
         """Until the worker is done: pass its progress on to Blender, and Blender's cancel on to it."""

@@ -163,6 +163,14 @@ def render(
     return report
 
 
+def check(scene) -> list[str]:
+    """The lines of the scene report: what `scene` holds that Lobe does not draw as asked. Renders nothing."""
+    from bl_ext.user_default.lobe.addon import scene_report
+    from bl_ext.user_default.lobe.addon.check import check as notes_of
+
+    return scene_report.lines(scene_report.keep(scene_report.key(scene), "check", notes_of(scene)))
+
+
 def _stamp_name_only(scene) -> None:
     """Blender writes the file's whole path into pictures, where it says more about the machine than about the picture:
     its name stands there as a note instead, unless the file has a note of its own."""

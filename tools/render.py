@@ -2,8 +2,9 @@
 
 Standard error carries a progress bar; the last line of standard output is one JSON object:
 {"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays", "peak_memory_mb",
-"skipped", "warnings"}; what Cycles does not tell is null. What the user can mend is said in one line, with exit code 2.
-Ctrl-C ends it at once with exit code 130; pictures are there whole or not at all.
+"skipped", "warnings"}; what Cycles does not tell is null. With --check nothing is rendered: standard output lists what
+Lobe does not draw as asked, counted. What the user can mend is said in one line, with exit code 2. Ctrl-C ends it at
+once with exit code 130; pictures are there whole or not at all.
 """
 
 from __future__ import annotations
@@ -87,9 +88,17 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="with --engine CYCLES: keep the file's Cycles settings and materials, instead of the "
                         "fair settings, Lobe's bounces and filter, and the exact Phong shader")  # fmt: skip
     parser.add_argument("--scene", metavar="NAME", help="a scene of the file other than the active one")
-    parser.add_argument("-o", "--output", action="append", required=True, type=output_path, metavar="OUT.png|OUT.exr",
-                        help="may be given again")  # fmt: skip
+    parser.add_argument("--check", action="store_true",
+                        help="render nothing: print what the file holds that Lobe does not draw as asked")  # fmt: skip
+    parser.add_argument("-o", "--output", action="append", default=[], type=output_path, metavar="OUT.png|OUT.exr",
+                        help="may be given again; needed unless --check is")  # fmt: skip
     options = parser.parse_args(arguments)
+    if options.check and options.engine != "LOBE":
+        parser.error("--check says what Lobe does not draw: it goes without --engine CYCLES")
+    if options.check and options.output:
+        parser.error("--check renders nothing: it goes without -o")
+    if not (options.check or options.output):
+        parser.error("the following arguments are required: -o/--output")
     if options.as_is and options.engine != "CYCLES":
         parser.error("--as-is keeps Cycles' settings as they are in the file: it needs --engine CYCLES")
     if any(assignment.replace(" ", "").startswith("scene.render.engine=") for assignment in options.assignments):
@@ -207,6 +216,9 @@ def main(arguments: list[str] | None = None) -> int:
                 _check_output(path)
             enable_lobe()
             at_interrupt.append(br.remove_temporary_files)
+            if options.check:
+                say("\n".join(br.check(prepare(options))))
+                return 0
             report = run(options)
         except (br.ToolError, SetupError) as error:
             print(f"render.py: {error}", file=sys.stderr)

@@ -7,8 +7,9 @@ engine, the viewport and `tools/render.py` call it.
 
 from __future__ import annotations
 
+from .notes import Group, Note, Notes, grouped
 from .scene import export_scene
 from .settings import export_settings
 from .stop import ExportStopped
 
-__all__ = ["ExportStopped", "export_scene", "export_settings"]
+__all__ = ["ExportStopped", "Group", "Note", "Notes", "export_scene", "export_settings", "grouped"]

@@ -80,6 +80,8 @@ class Images:
         self._stop.check()
         image = node.image
         from_file = image.source in FILES and not image.packed_files
+        if image.source == "TILED" and len(image.tiles) > 1:
+            self._notes.warn("image", image.name, "UDIM tiles are not supported, only the first is read")
         path = image_path(image, node.image_user) if from_file else ""
         problem = file_problem(path) if from_file else ""
         pixels = read_file(path) if from_file and not problem and image.source != "MOVIE" else None

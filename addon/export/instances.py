@@ -19,6 +19,7 @@ from .materials import MaterialTable
 from .meshes import export_mesh
 from .notes import Notes
 from .stop import Stop
+from .unsupported import note_object
 
 UNSUPPORTED_TYPES = {
     "CURVES": "hair curves",
@@ -130,6 +131,8 @@ class Placement:
             if object_.type in UNSUPPORTED_TYPES:
                 what = UNSUPPORTED_TYPES[object_.type]
                 self._notes.warn("object", object_.name, f"{what} are not supported and left out")
+            if object_.type == "LIGHT_PROBE":
+                self._notes.skip("object", object_.name, "light probes are for EEVEE only")
             return NOTHING  # Curves, text and metaballs come again, as instanced meshes.
         if not self._view_layer.use_solid:
             self._notes.skip("object", object_.name, "the view layer includes no surfaces")
@@ -206,6 +209,7 @@ class Placement:
                 self._notes.warn("object", owner.name, "holdouts are not supported, drawn as it is")
             if links_light(owner):
                 self._notes.warn("object", owner.name, "light linking is not supported, every lamp lights everything")
+            note_object(owner, self._notes)
         return visibility
 
     def _note_hair(self, object_) -> None:

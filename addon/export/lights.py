@@ -23,6 +23,7 @@ from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output
 from .materials.values import Evaluator
 from .notes import Notes
+from .unsupported import note_light
 
 SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
 
@@ -55,6 +56,7 @@ def lamp_kind(object_, visibility: Visibility, notes: Notes) -> LampKind | None:
     if not visibility & ~Visibility.SHADOW:
         notes.skip("light", name, "it is hidden from every ray")
         return None
+    note_light(data, name, notes)
     return LampKind(name, data, color, strength, visibility)
 
 

@@ -1,32 +1,99 @@
-"""What the user has to be told about an export. Each sentence is kept once, in the order of its first appearance."""
+"""What the user has to be told about an export: as data for the scene report, and as sentences for the render report.
+
+Each note is kept once, in the order of its first appearance.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+# How much it matters: nothing can be rendered; the picture will not show it as asked; it doesn't change the picture.
+ERROR, WARNING, SKIPPED = LEVELS = ("ERROR", "WARNING", "SKIPPED")
+
+# Of datablocks, in the order of the report; "" is what holds for the scene as a whole.
+KINDS = ("", "view layer", "camera", "world", "light", "object", "material", "image", "library")
+
+# Names inside of a text, without which many notes say the same.
+_NAMED = re.compile(r"\b(image|node group|particle system) '[^']*'")
+
+
+class Note(NamedTuple):
+    """`what` is true of the datablock `name` of that kind."""
+
+    level: str
+    kind: str
+    name: str
+    what: str
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.kind} '{self.name}': {self.what}" if self.kind else self.what
+
+
+class Group(NamedTuple):
+    """The same, true of several datablocks; `names` is empty for what holds for the scene as a whole."""
+
+    level: str
+    kind: str
+    what: str
+    names: tuple[str, ...]
+
 
 class Notes:
-    """Collects sentences for `Scene.skipped` and `Scene.warnings`.
-
-    skipped   left out because it can't change the picture
-    warnings  the picture will not show it as asked
-    """
+    """Collects the notes of one export."""
 
     def __init__(self) -> None:
-        self._skipped: dict[str, None] = {}
-        self._warnings: dict[str, None] = {}
+        self._notes: dict[Note, None] = {}
+
+    def add(self, level: str, kind: str, name: str, what: str) -> None:
+        self._notes[Note(level, kind, name, what)] = None
 
     def skip(self, kind: str, name: str, why: str) -> None:
-        self._skipped[f"{kind} '{name}': {why}"] = None
+        """Left out because it can't change the picture."""
+        self.add(SKIPPED, kind, name, why)
 
     def warn(self, kind: str, name: str, what: str) -> None:
-        self._warnings[f"{kind} '{name}': {what}"] = None
+        """The picture will not show it as asked."""
+        self.add(WARNING, kind, name, what)
 
     def warn_scene(self, what: str) -> None:
-        self._warnings[what] = None
+        self.add(WARNING, "", "", what)
+
+    def fail(self, what: str) -> None:
+        """Nothing can be rendered."""
+        self.add(ERROR, "", "", what)
+
+    @property
+    def all(self) -> list[Note]:
+        return list(self._notes)
 
     @property
     def skipped(self) -> list[str]:
-        return list(self._skipped)
+        """Sentences, for `Scene.skipped`."""
+        return [note.sentence for note in self._notes if note.level == SKIPPED]
 
     @property
     def warnings(self) -> list[str]:
-        return list(self._warnings)
+        """Sentences, for `Scene.warnings`."""
+        return [note.sentence for note in self._notes if note.level == WARNING]
+
+
+def grouped(notes: Iterable[Note]) -> list[Group]:
+    """Equal notes of different datablocks become one, by level, kind and number.
+
+    What differs in nothing but the name of an image, a node group or a particle system is the same: "image '...'".
+    """
+    texts: dict[tuple[str, str, str], dict[str, None]] = {}
+    names: dict[tuple[str, str, str], dict[str, None]] = {}
+    for note in notes:
+        key = note.level, note.kind, _NAMED.sub(r"\1 '...'", note.what)
+        texts.setdefault(key, {})[note.what] = None
+        names.setdefault(key, {})[note.name] = None
+    groups = []
+    for key, of_datablocks in names.items():
+        level, kind, general = key
+        what = next(iter(texts[key])) if len(texts[key]) == 1 else general
+        groups.append(Group(level, kind, what, tuple(of_datablocks) if kind else ()))
+    return sorted(groups, key=lambda group: (LEVELS.index(group.level), KINDS.index(group.kind), -len(group.names)))

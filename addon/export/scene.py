@@ -15,16 +15,18 @@ from .materials import MaterialTable
 from .notes import Notes
 from .settings import film_exposure
 from .stop import Stop
+from .unsupported import note_cycles_scene, note_view_layer
 from .world import export_world
 
 # What Blender ticks in new files, of this version or an older one, and what is no pass but a setting of one.
 NO_WISH = {"use_pass_combined", "use_pass_z", "use_pass_cryptomatte_accurate"}
 
 
-def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
+def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes | None = None) -> Scene:
     """Everything that the picture of an evaluated dependency graph depends on, as plain arrays.
 
-    stop  asked often; once it says True, ExportStopped is raised
+    stop   asked often; once it says True, ExportStopped is raised
+    notes  is told what is not drawn as asked, as data; the scene has the same as sentences
 
     Raises SceneError without a camera; all else that cannot be rendered is for `Scene.validate` to say. Nothing of
     Blender's is kept.
@@ -33,16 +35,19 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None) -> Scene:
     view_layer = depsgraph.view_layer_eval
     render = scene.render
     width, height = resolution(render)
-    notes = Notes()
+    notes = Notes() if notes is None else notes
     stopping = Stop(stop)
     images = Images(notes, stopping)
     camera = export_camera(scene, notes)
     materials = MaterialTable(notes, images, override=view_layer.material_override, stop=stopping)
     placement = Placement(depsgraph, materials, notes, stopping)
-    world = export_world(getattr(view_layer, "world_override", None) or scene.world, notes, images)
+    shown = getattr(view_layer, "world_override", None) or scene.world
+    world = export_world(shown if view_layer.use_sky else None, notes, images)
     note_libraries(notes)
     note_scene(render, notes)
+    note_cycles_scene(scene, notes)
     note_passes(view_layer, notes)
+    note_view_layer(view_layer, notes)
     return Scene(
         camera=camera,
         width=width,

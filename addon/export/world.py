@@ -19,6 +19,7 @@ from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output, source
 from .materials.values import Evaluator, as_color, node_label, value_node
 from .notes import Notes
+from .unsupported import note_world
 
 # Mean radiance over the whole sphere of each kind of sky texture with its default settings, rendered with Cycles 5.0.
 SKIES = {
@@ -37,6 +38,7 @@ def export_world(world, notes: Notes, images: Images) -> World:
     """Of a bpy world, evaluated; None gives a black one."""
     if world is None:
         return World()
+    note_world(world, notes)
     visibility = world_visibility(world)
     if not uses_nodes(world):
         return World(color=tuple(world.color), visibility=visibility)

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import bpy
 
-from . import compat, data_panels, render_panels
+from . import compat, data_panels, material_panels, presets, render_panels, report_panel
 
-_CLASSES = (*render_panels.CLASSES, *data_panels.CLASSES)
+_CLASSES = (
+    *presets.CLASSES,
+    *report_panel.CLASSES,  # first in its tab, where one sees the number in its header
+    *render_panels.CLASSES,
+    *data_panels.CLASSES,
+    *material_panels.CLASSES,
+)
 
 
 def register() -> None:
     compat.register()
+    presets.register()
+    material_panels.register()
     for cls in _CLASSES:
         bpy.utils.register_class(cls)
 
@@ -18,4 +26,6 @@ def register() -> None:
 def unregister() -> None:
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)
+    material_panels.unregister()
+    presets.unregister()
     compat.unregister()

@@ -8,6 +8,7 @@ ENGINE = "LOBE"
 
 # Made for any engine (BLENDER_RENDER), but they show what Lobe doesn't do, or what a panel of ours shows better.
 _EXCLUDE = {
+    "DATA_PT_camera_stereoscopy",
     "DATA_PT_falloff_curve",
     "DATA_PT_light",
     "DATA_PT_preview",
@@ -15,9 +16,17 @@ _EXCLUDE = {
     "DATA_PT_volume_render",
     "NODE_DATA_PT_light",
     "NODE_DATA_PT_spot",
+    "NODE_PT_texture_mapping",
+    "OBJECT_PT_shading",  # empty by itself: the engines hang theirs into it
+    "PARTICLE_PT_hair_shape",
+    "PARTICLE_PT_render_path",
+    "PARTICLE_PT_render_path_timing",
+    "RENDER_PT_output_views",
     "RENDER_PT_simplify",
+    "RENDER_PT_stereoscopy",
 }
-_EXCLUDE_WORD = "freestyle"
+# Of what Lobe doesn't draw at all.
+_EXCLUDE_WORDS = ("freestyle", "gpencil", "grease_pencil", "greasepencil", "lightprobe")
 
 # Made for EEVEE alone, and right for Lobe too.
 _INCLUDE = {
@@ -42,7 +51,7 @@ def _wanted(panel: type) -> bool:
     engines = getattr(panel, "COMPAT_ENGINES", None)
     if engines is None or ENGINE in engines or panel.__name__ in _EXCLUDE:
         return False
-    if _EXCLUDE_WORD in panel.__name__:
+    if any(word in panel.__name__ for word in _EXCLUDE_WORDS):
         return False
     return panel.__name__ in _INCLUDE or "BLENDER_RENDER" in engines
 

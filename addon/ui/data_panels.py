@@ -1,4 +1,4 @@
-"""Panels of the data that every engine shows in its own way: lamps, and which rays see an object.
+"""Panels of the data that every engine shows in its own way: lamps, the world, view layers, and which rays see what.
 
 They show what Lobe honours, and nothing else; the properties are Blender's own.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import bpy
 
 from .panel import LobePanel
+
+ALWAYS_NODES = bpy.app.version >= (5, 2)  # lamps: from then on the property only warns
 
 
 class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
@@ -33,6 +35,8 @@ class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
         column.prop(light, "energy", text="Strength" if light.type == "SUN" else "Power")
         if hasattr(light, "exposure"):
             column.prop(light, "exposure")
+        if hasattr(light, "normalize"):  # Blender 4.5 on
+            column.prop(light, "normalize")
         column.separator()
         _SHAPES[light.type](column, light)
         column.separator()
@@ -79,6 +83,74 @@ class LOBE_LIGHT_PT_beam_shape(LobePanel, bpy.types.Panel):
         column.prop(context.light, "show_cone")
 
 
+class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
+    bl_label = "Nodes"
+    bl_context = "data"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.light is not None and super().poll(context)
+
+    def draw_header(self, context):
+        if not ALWAYS_NODES:
+            self.layout.prop(context.light, "use_nodes", text="")
+
+    def draw(self, context):
+        light = context.light
+        self.layout.use_property_split = True
+        if not (ALWAYS_NODES or light.use_nodes) or light.node_tree is None:
+            self.layout.active = False
+            self.layout.label(text="The color above is the whole light")
+            return
+        output = light.node_tree.get_output_node("CYCLES")
+        if output is None:
+            self.layout.label(text="No output node")
+        else:
+            self.layout.template_node_view(light.node_tree, output, output.inputs["Surface"])
+
+
+class LOBE_WORLD_PT_ray_visibility(LobePanel, bpy.types.Panel):
+    """Blender itself has no such thing of a world: Lobe honours what Cycles brings, where it is enabled."""
+
+    bl_label = "Ray Visibility"
+    bl_context = "world"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return hasattr(context.world, "cycles_visibility") and super().poll(context)
+
+    def draw(self, context):
+        column = self.column()
+        for name in ("camera", "diffuse", "glossy"):
+            column.prop(context.world.cycles_visibility, name)
+
+
+class LOBE_VIEWLAYER_PT_filter(LobePanel, bpy.types.Panel):
+    bl_label = "Filter"
+    bl_context = "view_layer"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        column = self.column()
+        include = column.column(heading="Include")
+        include.prop(context.view_layer, "use_sky", text="Environment")
+        include.prop(context.view_layer, "use_solid", text="Surfaces")
+
+
+class LOBE_VIEWLAYER_PT_override(LobePanel, bpy.types.Panel):
+    bl_label = "Override"
+    bl_context = "view_layer"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        column = self.column()
+        column.prop(context.view_layer, "material_override")
+        if hasattr(context.view_layer, "world_override"):  # Blender 4.3 on
+            column.prop(context.view_layer, "world_override")
+
+
 class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):
     bl_label = "Ray Visibility"
     bl_parent_id = "OBJECT_PT_visibility"
@@ -98,4 +170,12 @@ class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):
             column.prop(context.object, "visible_shadow", text="Shadow")
 
 
-CLASSES = (LOBE_LIGHT_PT_light, LOBE_LIGHT_PT_beam_shape, LOBE_OBJECT_PT_ray_visibility)
+CLASSES = (
+    LOBE_LIGHT_PT_light,
+    LOBE_LIGHT_PT_beam_shape,
+    LOBE_LIGHT_PT_nodes,
+    LOBE_WORLD_PT_ray_visibility,
+    LOBE_VIEWLAYER_PT_filter,
+    LOBE_VIEWLAYER_PT_override,
+    LOBE_OBJECT_PT_ray_visibility,
+)

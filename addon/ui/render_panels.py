@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .panel import LobePanel
+from .presets import LOBE_PT_sampling_presets
 
 
 class _Panel(LobePanel):
@@ -13,6 +14,9 @@ class _Panel(LobePanel):
 
 class LOBE_RENDER_PT_sampling(_Panel, bpy.types.Panel):
     bl_label = "Sampling"
+
+    def draw_header_preset(self, context):
+        LOBE_PT_sampling_presets.draw_panel_header(self.layout)
 
     def draw(self, context):
         lobe = context.scene.lobe

@@ -85,3 +85,19 @@ def test_a_scene_without_a_camera_says_so(blender, tmp_path) -> None:
     make_file(blender, tmp_path / "blind.blend", "scene.camera = None")
     said = blender("-b", tmp_path / "blind.blend", "-E", "LOBE", "-o", tmp_path / "out", "-f", "1", code=1)
     assert "Cannot render, no camera" in said
+
+
+def test_check_scene(blender, tmp_path) -> None:
+    """Without a window, in a file of Blender's own; the list is what the panel and the command line show."""
+    script = tmp_path / "check.py"
+    script.write_text(
+        "import sys, bpy\n"
+        "bpy.context.scene.render.engine = 'LOBE'\n"
+        "bpy.context.scene.render.use_motion_blur = True\n"
+        "assert bpy.ops.lobe.check_scene() == {'FINISHED'}\n"
+        "report = sys.modules['bl_ext.user_default.lobe.addon.scene_report']\n"
+        "for line in report.lines(report.report_of(bpy.context.scene)): print(line)\n"
+    )
+    said = blender("-b", "--python-exit-code", "1", "--python", script)
+    assert "Not drawn as asked:\n" in said
+    assert "      -  scene       motion blur is not supported and left out\n" in said

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -11,6 +12,8 @@ import pytest
 from engine import Settings
 from tools.lobe_blender import MODULE
 
+from .export_checks import new_material
+
 
 class Layout:
     """Stands in for bpy.types.UILayout, which can't be made without a window."""
@@ -18,13 +21,26 @@ class Layout:
     def __init__(self) -> None:
         self.shown: list[tuple[str, str]] = []
 
+        self.texts: list[str] = []
+
     def column(self, **_) -> Layout:
         return self
 
-    def row(self, **_) -> Layout:
-        return self
+    row = box = split = column
 
     def separator(self) -> None: ...
+
+    def label(self, text: str = "", **_) -> None:
+        self.texts.append(text)
+
+    def operator(self, name: str, **_) -> SimpleNamespace:
+        group, _, rest = name.partition(".")
+        getattr(getattr(bpy.ops, group), rest).get_rna_type()  # raises where there is none
+        self.shown.append(("operator", name))
+        return SimpleNamespace()
+
+    def template_node_view(self, tree, node, socket) -> None:
+        self.shown.append(("node view", node.bl_idname))
 
     def prop(self, owner, name: str, **_) -> None:
         assert name in owner.bl_rna.properties, f"{owner} has no property {name}"
@@ -33,7 +49,7 @@ class Layout:
 
 @pytest.fixture
 def classes() -> list[type]:
-    return list(sys.modules[f"{MODULE}.addon.ui"]._CLASSES)
+    return [cls for cls in sys.modules[f"{MODULE}.addon.ui"]._CLASSES if hasattr(cls, "bl_context")]
 
 
 def draw(cls: type, context) -> list[tuple[str, str]]:
@@ -47,13 +63,18 @@ def draw(cls: type, context) -> list[tuple[str, str]]:
 
 
 def fake_context(**values) -> SimpleNamespace:
-    return SimpleNamespace(scene=bpy.context.scene, engine="LOBE", light=None, object=None, **values)
+    context = SimpleNamespace(scene=bpy.context.scene, engine="LOBE", view_layer=bpy.context.view_layer, region=None)
+    context.preferences = bpy.context.preferences
+    context.light = context.object = context.world = context.material = None
+    context.__dict__.update(values)
+    return context
 
 
 def test_every_setting_is_shown_once(classes) -> None:
     scene = bpy.context.scene
     scene.lobe.use_adaptive_sampling = True
-    shown = [s for c in classes if c.bl_context == "render" for s in draw(c, fake_context())]
+    context = fake_context()
+    shown = [s for c in classes if c.bl_context == "render" and c.poll(context) for s in draw(c, context)]
     settings = [name for owner, name in shown if owner == "LobeSettings"]
     assert sorted(settings) == sorted(name for name in Settings.__dataclass_fields__ if name != "threads")
     assert {("RenderSettings", "threads"), ("RenderSettings", "film_transparent")} <= set(shown)
@@ -100,3 +121,158 @@ def test_blenders_own_panels_join_in() -> None:
         assert "LOBE" in getattr(bpy.types, name).COMPAT_ENGINES, name
     for name in ("RENDER_PT_simplify", "DATA_PT_light", "VIEWLAYER_PT_freestyle"):
         assert "LOBE" not in getattr(bpy.types, name).COMPAT_ENGINES, name
+
+
+# --- every tab ------------------------------------------------------------------------------------------------------
+
+
+def test_tooltips_tell_the_cost() -> None:
+    for prop in bpy.context.scene.lobe.bl_rna.properties:
+        if prop.identifier in ("rna_type", "name"):
+            continue
+        told = " ".join([prop.description, *(item.description for item in getattr(prop, "enum_items", ()))]).lower()
+        assert any(word in told for word in ("time", "long", "slow", "noise", "seconds")), prop.identifier
+
+
+def test_engine_neutral_panels_appear_and_what_is_ignored_does_not(classes) -> None:
+    compat = sys.modules[f"{MODULE}.addon.ui.compat"]
+    neutral = [p for p in compat._all_panels() if "BLENDER_RENDER" in getattr(p, "COMPAT_ENGINES", ())]
+    left_out = {p.__name__ for p in neutral if "LOBE" not in p.COMPAT_ENGINES}
+    assert {name for name in left_out if name not in compat._EXCLUDE} == {
+        name for name in left_out if any(word in name for word in compat._EXCLUDE_WORDS)
+    }
+    assert len(neutral) - len(left_out) > 100
+    assert {"RENDER_PT_stereoscopy", "DATA_PT_camera_stereoscopy", "PARTICLE_PT_hair_shape"} <= left_out
+    assert not {p.__name__ for p in compat._all_panels() if "LOBE" in getattr(p, "COMPAT_ENGINES", ())} & {
+        "RENDER_PT_eevee_motion_blur", "VIEWLAYER_PT_layer_passes", "EEVEE_WORLD_PT_volume", "EEVEE_MATERIAL_PT_volume"
+    }  # fmt: skip
+
+
+def find(classes, name: str) -> type:
+    return next(cls for cls in classes if cls.__name__ == name)
+
+
+def test_world_and_view_layer(classes) -> None:
+    context = fake_context(world=bpy.data.worlds.new("World"))
+    panel = find(classes, "LOBE_WORLD_PT_ray_visibility")
+    assert panel.poll(context)
+    assert {name for _, name in draw(panel, context)} == {"camera", "diffuse", "glossy"}
+    assert not panel.poll(fake_context())
+    panels = [find(classes, f"LOBE_VIEWLAYER_PT_{kind}") for kind in ("filter", "override")]
+    shown = {name for panel in panels for _, name in draw(panel, context)}
+    assert {"use_sky", "use_solid", "material_override"} <= shown
+
+
+def test_the_nodes_of_a_lamp(classes) -> None:
+    panel = find(classes, "LOBE_LIGHT_PT_nodes")
+    context = fake_context(light=bpy.data.lights.new("Lamp", "POINT"))
+    if bpy.app.version < (5, 2):  # from then on they always have nodes
+        context.light.use_nodes = False
+        assert ("node view", "ShaderNodeOutputLight") not in draw(panel, context)
+        context.light.use_nodes = True
+    assert ("node view", "ShaderNodeOutputLight") in draw(panel, context)
+
+
+def texts(cls: type, context) -> str:
+    layout = Layout()
+    panel = SimpleNamespace(layout=layout, column=lambda align=False: layout)
+    if "draw_header_preset" in cls.__dict__:
+        cls.draw_header_preset(panel, context)
+    cls.draw(panel, context)
+    return " ".join(layout.texts)
+
+
+def test_the_scene_report(classes) -> None:
+    panel, skipped = (find(classes, f"LOBE_RENDER_PT_scene_report{which}") for which in ("", "_skipped"))
+    report = sys.modules[f"{MODULE}.addon.scene_report"]
+    notes = sys.modules[f"{MODULE}.addon.export"].Notes()
+    context = fake_context()
+    assert "after a check or a render" in texts(panel, context) and not skipped.poll(context)
+    report.keep(report.key(context.scene), "check", [])
+    assert report.HONOURED in texts(panel, context)
+    for number in range(3):
+        notes.warn("material", f"M{number}", "bump is not drawn")
+    notes.warn("world", "World", "volumes are not drawn")
+    notes.skip("object", "Empty", "it has no faces")
+    report.keep(report.key(context.scene), "render", notes.all)
+    shown = texts(panel, context)
+    assert shown.startswith("2 ") and "as of the last render" in shown
+    assert shown.count("Bump is not drawn") == 1 and "World: volumes are not drawn" in shown
+    assert "no faces" not in shown and skipped.poll(context) and "It has no faces" in texts(skipped, context)
+
+
+@pytest.fixture
+def glossy():
+    material, node = new_material("M", "ShaderNodeBsdfGlossy", Color=(0.5, 0.4, 0.3, 1), Roughness=0.5)
+    return material, node
+
+
+def test_what_lobe_understood_of_a_material(classes, glossy) -> None:
+    material, node = glossy
+    context = fake_context(material=material)
+    panel = find(classes, "LOBE_MATERIAL_PT_understood")
+    assert panel.poll(context)
+    assert "Phong ks 0.5  0.4  0.3 Exponent 30 " in texts(panel, context)
+    assert "darkens towards the rim" in texts(panel, context)
+    node.inputs["Color"].default_value = (0.25, 0.25, 0.25, 1)
+    bpy.context.view_layer.update()
+    assert "Phong ks 0.25 Exponent" in texts(panel, context)
+
+
+def test_a_material_without_a_remark(classes) -> None:
+    material, _ = new_material("M", "ShaderNodeBsdfDiffuse", Color=(0.5, 0.5, 0.5, 1))
+    shown = texts(find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material))
+    assert "Every node of it is honoured" in shown
+
+
+def test_use_phong_keeps_what_is_drawn(classes) -> None:
+    material, node = new_material("M", "ShaderNodeBsdfPrincipled", Base_Color=(0.5, 0.4, 0.3, 1), Alpha=0.75)
+    node.inputs["Emission Color"].default_value = (1, 0.5, 0, 1)
+    node.inputs["Emission Strength"].default_value = 4.0
+    understood = sys.modules[f"{MODULE}.addon.ui.material_panels"]._understood
+    before, _ = understood.of(material)
+    with bpy.context.temp_override(material=material):
+        assert bpy.ops.lobe.use_phong() == {"FINISHED"}
+    after, remarks = understood.of(material)
+    assert remarks == []
+    for part in ("kd", "ks", "emission", "transparency"):
+        assert getattr(after, part) == pytest.approx(getattr(before, part), rel=1e-6), part
+    assert after.exponent == pytest.approx(before.exponent)
+
+
+def test_phong_quick_settings(classes, glossy) -> None:
+    material, _ = glossy
+    context = fake_context(material=material)
+    panel = find(classes, "LOBE_MATERIAL_PT_phong")
+    assert draw(panel, context) == [("operator", "lobe.use_phong")]
+    with bpy.context.temp_override(material=material):
+        bpy.ops.lobe.use_phong()
+        assert not bpy.ops.lobe.use_phong.poll()
+    assert [name for _, name in draw(panel, context)] == ["default_value"] * 3
+    assert "Gives back up to 50% of the light, as sharp as roughness 0.5" in texts(panel, context)
+
+
+def test_sampling_presets(tmp_path) -> None:
+    lobe = bpy.context.scene.lobe
+    folders = bpy.utils.preset_paths("lobe/sampling")
+    files = [file for folder in folders for file in sorted(Path(folder).glob("*.py"))]
+    assert {"Draft", "Default", "Good", "Adaptive"} <= {file.stem for file in files}
+    for file in files:
+        lobe.samples, lobe.seed = 3, 5
+        assert bpy.ops.script.execute_preset(filepath=str(file), menu_idname="LOBE_PT_sampling_presets") == {"FINISHED"}
+        assert lobe.samples != 3 and lobe.seed == 5, file
+        if file.stem == "Default":
+            assert (lobe.samples, lobe.use_adaptive_sampling) == (Settings().samples, Settings().use_adaptive_sampling)
+
+
+def test_a_preset_of_ones_own() -> None:
+    lobe = bpy.context.scene.lobe
+    lobe.samples = 77
+    assert bpy.ops.lobe.sampling_preset_add(name="Mine") == {"FINISHED"}
+    (file,) = [f for folder in bpy.utils.preset_paths("lobe/sampling") for f in Path(folder).glob("[Mm]ine.py")]
+    try:
+        lobe.samples = 1
+        bpy.ops.script.execute_preset(filepath=str(file), menu_idname="LOBE_PT_sampling_presets")
+        assert lobe.samples == 77
+    finally:
+        file.unlink()

@@ -44,6 +44,18 @@ def test_options_that_contradict_each_other(repository, tmp_path):
     fails(command(repository, *words, "--set", "scene.render.engine=CYCLES"), "choose the engine with --engine LOBE")
 
 
+def test_check(repository, tmp_path):
+    """Prints and does nothing else."""
+    before = {path.name for path in tmp_path.iterdir()}
+    scene = "sample_blends/cornell_diffuse.blend"
+    done = command(repository, scene, "--check")
+    assert (done.returncode, done.stdout) == (0, "Everything in this scene is honoured\n")
+    done = command(repository, scene, "--check", "--set", "scene.render.use_motion_blur=1")
+    assert done.returncode == 0
+    assert done.stdout == "Not drawn as asked:\n      -  scene       motion blur is not supported and left out\n"
+    assert {path.name for path in tmp_path.iterdir()} == before
+
+
 def test_not_a_blend(repository, tmp_path):
     path = tmp_path / "junk.blend"
     path.write_text("no scene here")

@@ -42,6 +42,22 @@ def test_refused_arguments(arguments, message, capsys):
     assert line.startswith("render.py: argument ") and message in line
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "the following arguments are required: -o/--output"),
+        (["--check", "-o", "a.png"], "--check renders nothing: it goes without -o"),
+        (["--check", "--engine", "CYCLES"], "--check says what Lobe does not draw"),
+    ],
+)
+def test_check_or_render(arguments, message, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        render.parse(["scene.blend", *arguments])
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err
+    assert render.parse(["scene.blend", "--check"]).output == []
+
+
 def test_accepted_arguments():
     words = "a.blend --engine CYCLES --samples 4 --seed -3 --resolution 64x32 --frame 7 --threads 2 --as-is"
     settings = "--set scene.lobe.max_bounces=3 --set scene.lobe.road=REFERENCE -o a.png -o b.EXR"

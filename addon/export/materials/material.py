@@ -9,6 +9,7 @@ from ....engine import DEFAULT_MATERIAL, Material, SceneError
 from ..images import MISSING, Images
 from ..notes import Notes
 from ..stop import Stop
+from ..unsupported import note_material
 from .surface import Walk, merge_lobes
 from .tree import Slot, find_input, shader_output, source
 from .values import Evaluator, node_label
@@ -57,6 +58,7 @@ class MaterialTable:
 def export_material(material, notes: Notes, images: Images, stop: Stop) -> Material:
     name = material.name_full  # With the library's name where it is linked: names may then be equal.
     if not uses_nodes(material):
+        note_material(material, False, notes)
         return Material(name, kd=tuple(material.diffuse_color[:3]))
 
     def note(sentence: str) -> None:
@@ -77,6 +79,7 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
     walk = Walk(Evaluator(note, texture, NEAREST, stop.check), notes.warn_scene)
     surface = walk.surface(Slot(find_input(output, "Surface")))
     ks, exponent = merge_lobes(surface.lobes, note)
+    note_material(material, bool(surface.transparency.max() > 0.0), notes)
     if surface.transparency.max() > 1.0 + 1e-6:
         note("it lets through more light than there is, limited to all of it")
     if surface.emission.max() > BRIGHTEST:

@@ -46,6 +46,7 @@ def matte(walk: Walk, slot: Slot) -> Surface:
 
 @shader_node("ShaderNodeBsdfToon")
 def toon(walk: Walk, slot: Slot) -> Surface:
+    walk.note_normal(slot)
     color = walk.color(slot, "Color")
     if slot.node.component == "GLOSSY":
         _note(walk, slot, "glossy")
@@ -74,6 +75,8 @@ def _conductor(n: np.ndarray, k: np.ndarray) -> np.ndarray:
 def specular(walk: Walk, slot: Slot) -> Surface:
     """EEVEE's own node: a diffuse and a specular colour."""
     walk.note_normal(slot)
+    if walk.number(slot, "Clear Coat") > 1e-5:
+        walk.note("clear coat is not supported and left out")
     opaque = 1.0 - walk.fraction(slot, "Transparency")
     ks = np.minimum(walk.color(slot, "Specular"), 1.0)
     return Surface(

@@ -1,0 +1,159 @@
+"""Check Scene: the export of a scene as a render would see it, without the render.
+
+Only a render evaluates what a render shows: modifiers and subdivision at their render settings, objects that are
+hidden in the viewport. So the check is a render too, of a short-lived copy of the scene (which shares all its objects)
+by an engine that exports and draws nothing. The Render Result of the scene itself stays as it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import traceback
+from collections.abc import Iterator
+
+import bpy
+
+from ..engine import LobeError
+from . import scene_report
+from .export import ExportStopped, Note, Notes, export_scene, export_settings
+from .export.camera import NO_CAMERA
+from .export.notes import ERROR, WARNING
+from .export.scene import note_scene
+from .report import nothing_to_see
+
+
+class CheckStopped(Exception):
+    """The user pressed Escape."""
+
+
+class _CheckEngine(bpy.types.RenderEngine):
+    """Registered while a check runs, and never otherwise: Blender would offer it to the user."""
+
+    bl_idname = "LOBE_CHECK"
+    bl_label = "Lobe Check"
+    bl_use_shading_nodes_custom = False
+
+    found: dict[Note, None] = {}
+    stopped = False
+
+    def update(self, data, depsgraph) -> None:
+        notes = Notes()
+        try:
+            scene = export_scene(depsgraph, stop=self.test_break, notes=notes)
+            for sentence in nothing_to_see(scene):
+                notes.warn_scene(sentence)
+            export_settings(depsgraph.scene_eval).validate()
+            scene.validate()
+        except ExportStopped:
+            type(self).stopped = True
+        except LobeError as error:
+            self.found[scene_report.note_from_sentence(ERROR, str(error))] = None
+        except Exception as error:
+            traceback.print_exc()
+            self.found[Note(ERROR, "", "", f"Lobe failed ({type(error).__name__}: {error}). This is a bug")] = None
+        self.found.update(dict.fromkeys(notes.all))
+
+    def render(self, depsgraph) -> None:
+        """Nothing."""
+
+
+def check(scene) -> list[Note]:
+    """What `scene` holds that Lobe does not honour, over all of its view layers.
+
+    Raises CheckStopped.
+    """
+    if scene.camera is None:  # Blender wouldn't begin
+        return [Note(ERROR, "", "", NO_CAMERA)]
+    notes = Notes()
+    note_scene(scene.render, notes)
+    twin = scene.copy()
+    try:
+        _leave_no_trace(twin.render)
+        with _engine() as engine, _no_handlers():
+            twin.render.engine = engine.bl_idname
+            try:
+                bpy.ops.render.render(scene=twin.name)
+            except RuntimeError as error:  # Blender refused to begin
+                return [Note(ERROR, "", "", str(error).strip().removeprefix("Error: "))]
+            if engine.stopped:
+                raise CheckStopped
+            return list(dict.fromkeys([*notes.all, *engine.found]))
+    finally:
+        bpy.data.scenes.remove(twin)
+
+
+def _leave_no_trace(render) -> None:
+    """The compositor writes files, the sequencer would render its own strips, and Freestyle would draw its lines."""
+    render.use_compositing = render.use_sequencer = render.use_freestyle = False
+    render.use_persistent_data = False
+
+
+@contextlib.contextmanager
+def _no_handlers() -> Iterator[None]:
+    """Other add-ons' are about renders: they play a sound at the end, send a mail, switch the computer off."""
+    lists = [getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if name.startswith("render_")]
+    kept = [list(handlers) for handlers in lists]
+    for handlers in lists:
+        handlers.clear()
+    try:
+        yield
+    finally:
+        for handlers, functions in zip(lists, kept, strict=True):
+            handlers[:] = functions
+
+
+@contextlib.contextmanager
+def _engine() -> Iterator[type[_CheckEngine]]:
+    _CheckEngine.found, _CheckEngine.stopped = {}, False
+    bpy.utils.register_class(_CheckEngine)
+    try:
+        yield _CheckEngine
+    finally:
+        bpy.utils.unregister_class(_CheckEngine)
+        _CheckEngine.found = {}
+
+
+@contextlib.contextmanager
+def _waiting(window) -> Iterator[None]:
+    """Shows the mouse as a clock; there is no window in the background."""
+    if window is None or bpy.app.background:
+        yield
+        return
+    window.cursor_modal_set("WAIT")
+    try:
+        yield
+    finally:
+        window.cursor_modal_restore()
+
+
+class LOBE_OT_check_scene(bpy.types.Operator):
+    """List what this scene holds that Lobe does not draw as asked. It renders nothing, and takes as long as exporting \
+the scene does: a moment, some seconds for millions of faces"""
+
+    bl_idname = "lobe.check_scene"
+    bl_label = "Check Scene"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.scene is not None and not bpy.app.is_job_running("RENDER")
+
+    def execute(self, context):
+        try:
+            with _waiting(context.window):
+                notes = check(context.scene)
+        except CheckStopped:
+            self.report({"INFO"}, "Lobe: the check was stopped")
+            return {"CANCELLED"}
+        report = scene_report.keep(scene_report.key(context.scene), "check", notes)
+        number = len(report.of_level(ERROR, WARNING))
+        said = f"{number} things are not drawn as asked" if number > 1 else "one thing is not drawn as asked"
+        self.report({"INFO"}, f"Lobe: {said if number else scene_report.HONOURED.lower()}, see Scene Report")
+        return {"FINISHED"}
+
+
+def register() -> None:
+    bpy.utils.register_class(LOBE_OT_check_scene)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(LOBE_OT_check_scene)

@@ -1,0 +1,132 @@
+"""Names settings of datablocks that have no counterpart in the engine and that nothing else in the export looks at.
+
+One function for each kind of datablock. What any engine would honour, or Cycles does, is a warning; what only EEVEE
+does is a note that it was skipped, as Cycles skips it. Nodes are named where they are read, in `materials/`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .notes import Notes
+
+CYCLES_BOUNCES = 1024  # Cycles' own limit of a lamp's or world's bounces, and its default: none
+CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; the engine's is 0
+CAUSTICS = "shadow caustics are not supported and left out"
+OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as the scene's bounces go"
+
+PASSES = ("use_pass_", "pass_", "denoising_store_passes")  # how an engine's properties of these are called
+
+EEVEE_LIGHT = {
+    "diffuse_factor": "diffuse factor",
+    "specular_factor": "specular factor",
+    "transmission_factor": "transmission factor",
+    "volume_factor": "volume factor",
+}
+
+
+def cycles_settings(datablock) -> Any:
+    """Cycles' properties of an object, lamp, world or view layer; None where none was ever set, or without Cycles.
+
+    Of the original: asking an evaluated datablock for a group of properties makes one, which nobody frees.
+    """
+    original = getattr(datablock, "original", datablock)
+    try:
+        return original.cycles if original.is_property_set("cycles") else None
+    except TypeError:  # there is no such property; to look it up takes twenty times as long
+        return None
+
+
+def note_object(object_, notes: Notes) -> None:
+    """Of a mesh or lamp object, or of what instances it. Called for each of maybe many thousand: a microsecond."""
+    if not object_.visible_transmission:
+        what = "hiding it from transmission rays is not supported: glass is drawn as transparent and shows it"
+        notes.warn("object", object_.name, what)
+    if not object_.visible_volume_scatter:
+        notes.skip("object", object_.name, "it is hidden from volume scatter, which is not drawn")
+    cycles = cycles_settings(object_)
+    if offsets_terminator(object_, cycles):
+        notes.warn("object", object_.name, "shadow terminator offsets are not supported and left out")
+    if cycles is not None and (cycles.is_caustics_caster or cycles.is_caustics_receiver):
+        notes.warn("object", object_.name, CAUSTICS)
+
+
+def offsets_terminator(object_, cycles) -> bool:
+    """By more or less than Cycles does unless told. Properties of the object from Blender 4.3 on."""
+    try:
+        geometry, shading = object_.shadow_terminator_geometry_offset, object_.shadow_terminator_shading_offset
+    except AttributeError:
+        if cycles is None:
+            return False
+        geometry, shading = cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset
+    return shading > 0.0 or not (geometry == 0.0 or abs(geometry - CYCLES_TERMINATOR) < 1e-6)
+
+
+def note_light(data, name: str, notes: Notes) -> None:
+    """Of a lamp's data; `name` is its object's."""
+    cycles = cycles_settings(data)
+    if getattr(cycles, "max_bounces", CYCLES_BOUNCES) < CYCLES_BOUNCES:
+        notes.warn("light", name, OWN_BOUNCES)
+    if getattr(cycles, "is_caustics_light", False):
+        notes.warn("light", name, CAUSTICS)
+    changed = [label for key, label in EEVEE_LIGHT.items() if getattr(data, key, 1.0) != 1.0]
+    changed += ["custom distance"] if getattr(data, "use_custom_distance", False) else []
+    changed += ["square cone"] if data.type == "SPOT" and getattr(data, "use_square", False) else []
+    if changed:
+        notes.skip("light", name, f"{', '.join(changed)}: only EEVEE knows that, Cycles leaves it out too")
+
+
+def note_world(world, notes: Notes) -> None:
+    cycles = cycles_settings(world)
+    if getattr(cycles, "max_bounces", CYCLES_BOUNCES) < CYCLES_BOUNCES:
+        notes.warn("world", world.name, OWN_BOUNCES)
+    if getattr(cycles, "is_caustics_light", False):
+        notes.warn("world", world.name, CAUSTICS)
+    visibility = getattr(world, "cycles_visibility", None)
+    if not getattr(visibility, "transmission", True):
+        what = "hiding it from transmission rays is not supported: glass is drawn as transparent and shows it"
+        notes.warn("world", world.name, what)
+    if not getattr(visibility, "scatter", True):
+        notes.skip("world", world.name, "it is hidden from volume scatter, which is not drawn")
+
+
+def note_material(material, lets_light_through: bool, notes: Notes) -> None:
+    name = material.name_full
+    if lets_light_through and not getattr(material, "use_transparent_shadow", True):
+        notes.warn("material", name, "opaque shadows of a transparent surface are not supported: light passes through")
+    if material.use_backface_culling or getattr(material, "use_backface_culling_shadow", False):
+        notes.skip("material", name, "backface culling: only EEVEE knows that, Cycles draws both sides too")
+
+
+def note_view_layer(view_layer, notes: Notes) -> None:
+    name = view_layer.name
+    if view_layer.samples:
+        what = f"its own number of samples ({view_layer.samples}) is not supported, it gets the scene's"
+        notes.warn("view layer", name, what)
+    if aovs := [aov.name for aov in view_layer.aovs]:
+        notes.warn("view layer", name, f"shader AOVs are not supported and left out: {', '.join(aovs)}")
+    if groups := [group.name for group in view_layer.lightgroups]:
+        notes.warn("view layer", name, f"light groups are not supported and left out: {', '.join(groups)}")
+    if passes := [*_passes(cycles_settings(view_layer)), *_passes(getattr(view_layer, "eevee", None))]:
+        notes.warn("view layer", name, f"only the Combined pass is supported, not {', '.join(passes)}")
+
+
+def _passes(owner) -> list[str]:
+    """The names of the passes that are ticked in an engine's own properties."""
+    if owner is None:
+        return []
+    boxes = [prop for prop in owner.bl_rna.properties if prop.type == "BOOLEAN" and prop.identifier.startswith(PASSES)]
+    return [prop.name for prop in boxes if getattr(owner, prop.identifier)]
+
+
+def note_cycles_scene(scene, notes: Notes) -> None:
+    """What Cycles' settings ask for that changes what is drawn. Those of its sampling are no wish of the scene's."""
+    cycles = getattr(scene, "cycles", None)
+    if cycles is None:
+        return
+    if not (cycles.caustics_reflective and cycles.caustics_refractive):
+        notes.warn_scene("Cycles' caustics are switched off, which is not supported: light that mirrors throw is drawn")
+    if cycles.use_fast_gi:
+        notes.warn_scene("Cycles' Fast Global Illumination is not supported: all bounces are traced")
+    if scene.render.use_simplify and (cycles.use_camera_cull or cycles.use_distance_cull):
+        notes.warn_scene("culling by the camera or by distance (Simplify) is not supported: every object is drawn")

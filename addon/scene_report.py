@@ -1,0 +1,113 @@
+"""The scene report: for each scene, what Lobe does not draw as asked, as the newest check or render found it.
+
+It is kept in this process alone: a scene's session number, which no other scene gets until Blender ends, is the key.
+Loading a file forgets everything. The panel and `tools/render.py --check` show the same groups.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import bpy
+
+from .export.notes import ERROR, KINDS, SKIPPED, WARNING, Group, Note, grouped
+
+HONOURED = "Everything in this scene is honoured"
+HEADINGS = {
+    ERROR: "Cannot be rendered",
+    WARNING: "Not drawn as asked",
+    SKIPPED: "Left out, which changes nothing",
+}
+NAMES_A_LINE = 8  # of the command line
+REDRAW_INTERVAL = 0.5  # seconds
+
+_SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) '([^']*)': (.*)", re.DOTALL)
+
+
+class Report(NamedTuple):
+    source: str  # "check" or "render"
+    groups: tuple[Group, ...]
+
+    def of_level(self, *levels: str) -> list[Group]:
+        return [group for group in self.groups if group.level in levels]
+
+
+_reports: dict[int, Report] = {}
+_to_redraw = False
+
+
+def key(scene) -> int:
+    """Of a scene, evaluated or not."""
+    return scene.original.session_uid
+
+
+def keep(scene_key: int, source: str, notes: Iterable[Note]) -> Report:
+    """Replace a scene's report. May be called on any thread."""
+    global _to_redraw
+    _reports[scene_key] = Report(source, tuple(grouped(notes)))
+    _to_redraw = True
+    return _reports[scene_key]
+
+
+def report_of(scene) -> Report | None:
+    """None for a scene that was neither checked nor rendered since its file was opened."""
+    return _reports.get(key(scene))
+
+
+def note_from_sentence(level: str, sentence: str) -> Note:
+    """The engine's messages are sentences: "light 'Key': its radius is negative"."""
+    found = _SENTENCE.fullmatch(sentence)
+    return Note(level, *found.groups()) if found else Note(level, "", "", sentence)
+
+
+def lines(report: Report) -> list[str]:
+    """For the command line: a heading for each level, a line for each group with its number and some of the names."""
+    if not report.groups:
+        return [HONOURED]
+    text = [] if report.of_level(ERROR, WARNING) else [HONOURED]
+    for level, heading in HEADINGS.items():
+        groups = report.of_level(level)
+        text += [f"{heading}:"] if groups else []
+        text += [f"{len(group.names) or '-':>7}  {group.kind or 'scene':<10}  {_described(group)}" for group in groups]
+    return text
+
+
+def _described(group: Group) -> str:
+    names = ", ".join(group.names[:NAMES_A_LINE])
+    more = len(group.names) - NAMES_A_LINE
+    return group.what + (f": {names}" if names else "") + (f" and {more} more" if more > 0 else "")
+
+
+@bpy.app.handlers.persistent
+def _forget(*_) -> None:
+    _reports.clear()
+
+
+def _redraw() -> float:
+    """Renders end on a thread that may not ask for this."""
+    global _to_redraw
+    if _to_redraw:
+        _to_redraw = False
+        for window in bpy.context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.type == "PROPERTIES":
+                    area.tag_redraw()
+    return REDRAW_INTERVAL
+
+
+def register() -> None:
+    # While the add-on was off, files were opened without a word to it.
+    known = {key(scene) for scene in getattr(bpy.data, "scenes", ())}
+    for scene_key in _reports.keys() - known:
+        del _reports[scene_key]
+    bpy.app.handlers.load_pre.append(_forget)
+    if not bpy.app.background:
+        bpy.app.timers.register(_redraw, persistent=True)
+
+
+def unregister() -> None:
+    if bpy.app.timers.is_registered(_redraw):
+        bpy.app.timers.unregister(_redraw)
+    bpy.app.handlers.load_pre.remove(_forget)

@@ -1,0 +1,217 @@
+"""The material's panels that Blender doesn't have: the Phong lobe at hand, and what Lobe makes of the node tree."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..export.images import Images
+from ..export.materials.material import export_material, uses_nodes
+from ..export.materials.tree import is_phong_group, shader_output
+from ..export.notes import Notes
+from ..export.stop import Stop
+from ..export.units import exponent_to_roughness
+from ..phong_group import phong_group
+from .panel import LobePanel
+from .text import draw_text
+
+INPUTS = ("kd", "ks", "exponent")
+SHINY = 1e-5  # of a reflectance, an emission or a transparency that is worth a node
+
+
+class _Understood:
+    """What the export makes of materials, kept until one of them may have changed: panels are drawn on every move of
+    the mouse, and an image's average takes a while."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple] = {}
+        self._images: Images | None = None
+
+    def of(self, material) -> tuple:
+        """(engine.Material or None, the sentences that go with it)"""
+        from ...engine import LobeError
+
+        key = material.session_uid
+        if key not in self._known:
+            notes = Notes()
+            self._images = self._images or Images(Notes(), Stop())
+            try:
+                drawn = export_material(material, notes, self._images, Stop())
+                texts = [note.what for note in notes.all]
+            except LobeError as error:
+                drawn, texts = None, [str(error)]
+            self._known[key] = drawn, texts
+        return self._known[key]
+
+    def forget(self, with_images: bool) -> None:
+        self._known.clear()
+        if with_images:
+            self._images = None
+
+
+_understood = _Understood()
+
+
+@bpy.app.handlers.persistent
+def _changed(scene, depsgraph) -> None:
+    kinds = {type(update.id) for update in depsgraph.updates} if _understood._known else set()
+    if kinds & {bpy.types.Material, bpy.types.ShaderNodeTree, bpy.types.NodeTree, bpy.types.Image, bpy.types.Scene}:
+        _understood.forget(bpy.types.Image in kinds)
+
+
+@bpy.app.handlers.persistent
+def _forget(*_) -> None:
+    _understood.forget(with_images=True)
+
+
+def phong_node(material):
+    """The Phong BSDF that is the material's whole surface, None where it is anything else."""
+    if not uses_nodes(material):
+        return None
+    output = shader_output(material.node_tree, "ShaderNodeOutputMaterial")
+    links = output.inputs["Surface"].links if output is not None else ()
+    node = links[0].from_node if links else None
+    return node if node is not None and is_phong_group(node) and set(INPUTS) <= set(node.inputs.keys()) else None
+
+
+class _MaterialPanel(LobePanel):
+    bl_context = "material"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        material = context.material
+        return material is not None and material.grease_pencil is None and super().poll(context)
+
+
+class LOBE_MATERIAL_PT_phong(_MaterialPanel, bpy.types.Panel):
+    bl_label = "Phong"
+
+    def draw(self, context):
+        node = phong_node(context.material)
+        if node is None:
+            self.layout.operator(LOBE_OT_use_phong.bl_idname)
+            return
+        column = self.column()
+        for name in INPUTS:
+            socket = node.inputs[name]
+            row = column.row()
+            row.enabled = not socket.is_linked
+            row.prop(socket, "default_value", text=name if not socket.is_linked else f"{name} (linked)")
+        if not any(node.inputs[name].is_linked for name in INPUTS):
+            kd, ks, exponent = (node.inputs[name].default_value for name in INPUTS)
+            back = max(kd[channel] + ks[channel] for channel in range(3))
+            roughness = exponent_to_roughness(exponent)
+            text = f"Gives back up to {back:.0%} of the light, as sharp as roughness {roughness:.2g}"
+            draw_text(self.layout, context, text, "ERROR" if back > 1.0 + 1e-6 else "INFO")
+
+
+class LOBE_MATERIAL_PT_understood(_MaterialPanel, bpy.types.Panel):
+    bl_label = "As Lobe Draws It"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        drawn, texts = _understood.of(context.material)
+        column = self.column(align=True)
+        if drawn is not None:
+            for name, value in _rows(drawn):
+                split = column.split(factor=0.4)
+                label = split.row()
+                label.alignment = "RIGHT"
+                label.label(text=name)
+                split.label(text=value)
+        if texts:
+            box = self.layout.box().column()
+            for text in texts:
+                draw_text(box, context, text[:1].upper() + text[1:], "INFO")
+        elif drawn is not None:
+            self.layout.label(text="Every node of it is honoured", icon="CHECKMARK")
+
+
+def _rows(drawn) -> list[tuple[str, str]]:
+    """Name and value of the parts of an `engine.Material`; of those that are black, the diffuse one alone is shown."""
+    rows = [("Diffuse kd", _triple(drawn.kd))]
+    if max(drawn.ks) > 0.0:
+        rows += [("Phong ks", _triple(drawn.ks)), ("Exponent", f"{drawn.exponent:.4g}")]
+    if any(drawn.emission):
+        rows.append(("Emission", f"{_triple(drawn.emission)} W/(m² sr)"))
+    if max(drawn.transparency) > 0.0:
+        rows.append(("Transparency", _triple(drawn.transparency)))
+    return rows
+
+
+def _triple(color) -> str:
+    """One number where the three are equal."""
+    numbers = [f"{channel:.3g}" for channel in color]
+    return numbers[0] if len(set(numbers)) == 1 else "  ".join(numbers)
+
+
+class LOBE_OT_use_phong(bpy.types.Operator):
+    """Put a Phong BSDF in place of this material's surface, with the kd, ks and exponent that Lobe draws it with now. \
+Emission and transparency are kept as nodes of their own; the old nodes stay in the tree, unlinked"""
+
+    bl_idname = "lobe.use_phong"
+    bl_label = "Use Phong BSDF"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        material = getattr(context, "material", None)
+        return material is not None and material.library is None and phong_node(material) is None
+
+    def execute(self, context):
+        material = context.material
+        drawn, texts = _understood.of(material)
+        if drawn is None:
+            self.report({"ERROR"}, texts[0])
+            return {"CANCELLED"}
+        if bpy.app.version < (5, 0):
+            material.use_nodes = True
+        use_phong(material.node_tree, drawn)
+        _understood.forget(with_images=False)
+        return {"FINISHED"}
+
+
+def use_phong(tree, drawn) -> None:
+    """Feed the output of a material's tree by nodes that are exactly `drawn`, an `engine.Material`."""
+    output = shader_output(tree, "ShaderNodeOutputMaterial") or tree.nodes.new("ShaderNodeOutputMaterial")
+    x, y = output.location
+
+    def node(kind: str, row: int, **inputs):
+        made = tree.nodes.new(kind)
+        made.location = (x - 260.0, y - 200.0 * row)
+        for name, value in inputs.items():
+            made.inputs[name].default_value = value
+        return made
+
+    phong = node("ShaderNodeGroup", 0)
+    phong.node_tree, phong.width = phong_group(), 180.0
+    for name, value in (("kd", (*drawn.kd, 1.0)), ("ks", (*drawn.ks, 1.0)), ("exponent", drawn.exponent)):
+        phong.inputs[name].default_value = value
+    parts = [phong.outputs[0]]
+    if (strength := max(drawn.emission)) > SHINY:
+        color = (*(channel / strength for channel in drawn.emission), 1.0)
+        parts.append(node("ShaderNodeEmission", 1, Color=color, Strength=strength).outputs[0])
+    if max(drawn.transparency) > SHINY:
+        parts.append(node("ShaderNodeBsdfTransparent", 2, Color=(*drawn.transparency, 1.0)).outputs[0])
+    while len(parts) > 1:
+        both = tree.nodes.new("ShaderNodeAddShader")
+        both.location = (x - 60.0 * len(parts), y - 120.0 * len(parts))
+        tree.links.new(parts.pop(), both.inputs[1])
+        tree.links.new(parts.pop(), both.inputs[0])
+        parts.append(both.outputs[0])
+    tree.links.new(parts[0], output.inputs["Surface"])
+
+
+CLASSES = (LOBE_OT_use_phong, LOBE_MATERIAL_PT_phong, LOBE_MATERIAL_PT_understood)
+
+
+def register() -> None:
+    bpy.app.handlers.depsgraph_update_post.append(_changed)
+    bpy.app.handlers.frame_change_post.append(_forget)
+    bpy.app.handlers.load_pre.append(_forget)
+
+
+def unregister() -> None:
+    bpy.app.handlers.load_pre.remove(_forget)
+    bpy.app.handlers.frame_change_post.remove(_forget)
+    bpy.app.handlers.depsgraph_update_post.remove(_changed)
+    _understood.forget(with_images=True)

@@ -1,0 +1,154 @@
+"""The Scene Report: what Lobe does not draw as asked, counted, each with a button that selects the objects."""
+
+from __future__ import annotations
+
+import bpy
+
+from .. import scene_report
+from ..check import LOBE_OT_check_scene
+from ..export.notes import ERROR, SKIPPED, WARNING, Group
+from .objects_of import SELECTABLE, objects_of
+from .panel import LobePanel
+from .text import draw_text, is_narrower
+
+ICONS = {
+    "": "SCENE_DATA",
+    "view layer": "RENDERLAYERS",
+    "camera": "CAMERA_DATA",
+    "world": "WORLD",
+    "light": "LIGHT",
+    "object": "OBJECT_DATA",
+    "material": "MATERIAL",
+    "image": "IMAGE_DATA",
+    "library": "LIBRARY_DATA_BROKEN",
+}
+SHOWN = 60  # rows; the command line has no limit
+BUTTON_WIDTH = 52  # pixels at resolution scale 1, of the button beside a text
+NARROW = 270  # of a region in which the buttons go below the texts
+TOOLTIP_NAMES = 12
+
+
+class LOBE_OT_select_reported(bpy.types.Operator):
+    bl_idname = "lobe.select_reported"
+    bl_label = "Select Objects"
+    bl_options = {"REGISTER", "UNDO"}
+
+    index: bpy.props.IntProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, context, properties) -> str:
+        group = _group(context.scene, properties.index)
+        if group is None:
+            return "Check the scene again"
+        names = ", ".join(group.names[:TOOLTIP_NAMES])
+        more = len(group.names) - TOOLTIP_NAMES
+        what = f"Select the objects of {names}" if group.kind in ("material", "image") else f"Select {names}"
+        return what + (f" and {more} more" if more > 0 else "")
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.scene is not None and context.view_layer is not None
+
+    def execute(self, context):
+        group = _group(context.scene, self.index)
+        objects = objects_of(context.view_layer, group) if group is not None else []
+        if not objects:
+            self.report({"WARNING"}, "None of these is in this view layer any more: check the scene again")
+            return {"CANCELLED"}
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        for other in context.view_layer.objects:
+            other.select_set(False)
+        for found in objects:
+            found.select_set(True)
+        context.view_layer.objects.active = objects[0]
+        _show_slot(objects[0], group)
+        hidden = sum(not found.visible_get() for found in objects)
+        if hidden:
+            of = "It is" if len(objects) == 1 else f"{hidden} of {len(objects)} are"
+            self.report({"INFO"}, f"{of} hidden in the viewport, which can't show the selection")
+        return {"FINISHED"}
+
+
+def _group(scene, index: int) -> Group | None:
+    report = scene_report.report_of(scene)
+    return report.groups[index] if report is not None and 0 <= index < len(report.groups) else None
+
+
+def _show_slot(object_, group: Group) -> None:
+    """Make the material in question the one that the Material tab shows."""
+    for number, slot in enumerate(object_.material_slots):
+        if group.kind == "material" and slot.material is not None and slot.material.name_full in group.names:
+            object_.active_material_index = number
+            return
+
+
+class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
+    bl_label = "Scene Report"
+    bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, context):
+        report = scene_report.report_of(context.scene)
+        if report is not None:
+            number = len(report.of_level(ERROR, WARNING))
+            self.layout.label(text=str(number or ""), icon="ERROR" if number else "CHECKMARK")
+
+    def draw(self, context):
+        layout = self.layout
+        layout.operator(LOBE_OT_check_scene.bl_idname, icon="VIEWZOOM")
+        report = scene_report.report_of(context.scene)
+        if report is None:
+            draw_text(layout, context, "What Lobe would not draw as asked is listed here after a check or a render")
+            return
+        found = report.of_level(ERROR, WARNING)
+        if not found:
+            layout.label(text=scene_report.HONOURED, icon="CHECKMARK")
+            return
+        for level in (ERROR, WARNING):
+            if groups := report.of_level(level):
+                draw_text(layout, context, f"{scene_report.HEADINGS[level]}, as of the last {report.source}:")
+                _draw_groups(layout, context, report, groups)
+
+
+class LOBE_RENDER_PT_scene_report_skipped(LobePanel, bpy.types.Panel):
+    bl_label = "Without Effect"
+    bl_parent_id = "LOBE_RENDER_PT_scene_report"
+    bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        if not super().poll(context):
+            return False
+        report = scene_report.report_of(context.scene)
+        return report is not None and bool(report.of_level(SKIPPED))
+
+    def draw(self, context):
+        report = scene_report.report_of(context.scene)
+        _draw_groups(self.layout, context, report, report.of_level(SKIPPED))
+
+
+def _draw_groups(layout, context, report: scene_report.Report, groups: list[Group]) -> None:
+    column = layout.box().column()
+    narrow = is_narrower(context, NARROW)
+    for group in groups[:SHOWN]:
+        selectable = group.kind in SELECTABLE
+        row = column.column() if narrow else column.row()
+        icon = "CANCEL" if group.level == ERROR else ICONS[group.kind]
+        text = group.what[:1].upper() + group.what[1:]
+        if group.kind in ("view layer", "world", "library"):
+            text = f"{', '.join(group.names)}: {group.what}"
+        draw_text(row, context, text, icon, BUTTON_WIDTH if selectable and not narrow else 0)
+        if selectable:
+            button = row.row()
+            button.alignment = "RIGHT"
+            select = button.operator(
+                LOBE_OT_select_reported.bl_idname, text=str(len(group.names)), icon="RESTRICT_SELECT_OFF"
+            )
+            select.index = report.groups.index(group)
+    if len(groups) > SHOWN:
+        column.label(text=f"and {len(groups) - SHOWN} more: tools/render.py --check lists all of them")
+
+
+CLASSES = (LOBE_OT_select_reported, LOBE_RENDER_PT_scene_report, LOBE_RENDER_PT_scene_report_skipped)

@@ -1,0 +1,628 @@
+"""The scene report: nothing is dropped in silence, the panel and the command line say the same, and it finds objects.
+
+`NAMED` and `HONOURED` are tables of what a scene can hold: each is named, or changes the export as asked.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import addon_utils
+import bpy
+import numpy as np
+import pytest
+
+from tools import blender_render
+from tools.lobe_blender import MODULE
+
+from .export_checks import add_camera, add_object, in_render, new_material, node_tree, plane_mesh
+
+V5 = bpy.app.version >= (5, 0)
+
+
+@pytest.fixture
+def part() -> Callable[[str], object]:
+    return lambda name: sys.modules[f"{MODULE}.addon.{name}"]
+
+
+@pytest.fixture
+def scene():
+    """A lit plane below the camera, of which nothing is to be said."""
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 32, 24, 100
+    scene.lobe.samples = 1
+    add_camera()
+    material, _ = new_material("Plain", "ShaderNodeBsdfDiffuse")
+    plane = add_object("Plane", plane_mesh())
+    plane.data.materials.append(material)
+    light = bpy.data.lights.new("Lamp", "POINT")
+    light.energy = 100.0
+    add_object("Lamp", light, (0, 0, 5))
+    scene.world = bpy.data.worlds.new("World")
+    node_tree(scene.world)
+    return scene
+
+
+@pytest.fixture
+def checked(part) -> Callable[[], list]:
+    """A function that runs Check Scene and gives back the groups of the report."""
+
+    def run() -> list:
+        assert bpy.ops.lobe.check_scene() == {"FINISHED"}
+        return list(part("scene_report").report_of(bpy.context.scene).groups)
+
+    return run
+
+
+def texts(groups, *levels: str) -> list[str]:
+    return [group.what for group in groups if group.level in (levels or ("ERROR", "WARNING"))]
+
+
+# --- what a scene can hold ----------------------------------------------------------------------------------------
+
+
+def plane():
+    return bpy.data.objects["Plane"]
+
+
+def lamp():
+    return bpy.data.objects["Lamp"].data
+
+
+def layer():
+    return bpy.context.view_layer
+
+
+def tree():
+    return plane().active_material.node_tree
+
+
+def feed(name: str, kind: str, socket: str = "Color", output: int = 0):
+    """Plug a new node into an input of the plane's shader (or its output node)."""
+    made = tree().nodes.new(kind)
+    target = next(node for node in tree().nodes if socket in node.inputs and node.bl_idname.endswith(name))
+    tree().links.new(made.outputs[output], target.inputs[socket])
+    return made
+
+
+def shader(kind: str, **inputs):
+    material, node = new_material("Other", kind, **inputs)
+    plane().data.materials[0] = material
+    return node
+
+
+def light_nodes(kind: str, socket: str):
+    nodes = node_tree(lamp())
+    emission = next(node for node in nodes.nodes if node.bl_idname == "ShaderNodeEmission")
+    nodes.links.new(nodes.nodes.new(kind).outputs[0], emission.inputs[socket])
+
+
+def world_volume():
+    nodes = bpy.context.scene.world.node_tree
+    output = next(node for node in nodes.nodes if node.bl_idname == "ShaderNodeOutputWorld")
+    nodes.links.new(nodes.nodes.new("ShaderNodeVolumeScatter").outputs[0], output.inputs["Volume"])
+
+
+def hair():
+    system = plane().modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system
+    system.settings.type = "HAIR"
+    system.settings.count = 3
+
+
+def grease_pencil():
+    drawings = getattr(bpy.data, "grease_pencils_v3", bpy.data.grease_pencils)  # the former in 4.3 to 4.5
+    add_object("Ink", drawings.new("Ink"))
+
+
+def collection_flag(**flags):
+    inner = bpy.data.collections.new("Inner")
+    bpy.context.scene.collection.children.link(inner)
+    inner.objects.link(add_object("Second", plane_mesh()))
+    for key, value in flags.items():
+        setattr(layer().layer_collection.children["Inner"], key, value)
+
+
+def put(owner: Callable, **values):
+    """A case that sets properties."""
+
+    def make():
+        for key, value in values.items():
+            setattr(owner(), key, value)
+
+    return make
+
+
+def cycles(datablock: Callable, **values):
+    return put(lambda: datablock().cycles, **values)
+
+
+def render():
+    return bpy.context.scene.render
+
+
+def object_of(name: str):
+    """A case that adds an object whose data is made by `bpy.data.<name>.new`."""
+    return lambda: add_object("Thing", getattr(bpy.data, name).new("Thing"))
+
+
+# What is in the scene -> (how to make it, a part of what the report says, and at which level).
+NAMED = {
+    "volume object": (object_of("volumes"), "volumes are not supported", "WARNING"),
+    "hair curves": (object_of("hair_curves"), "hair curves are not supported", "WARNING"),
+    "point cloud": (object_of("pointclouds"), "point clouds are not supported", "WARNING"),
+    "light probe": (lambda: bpy.ops.object.lightprobe_add(type="SPHERE"), "light probes are for EEVEE only", "SKIPPED"),
+    "grease pencil": (grease_pencil, "grease pencil are not supported", "WARNING"),
+    "particle hair": (hair, "hair of particle system", "WARNING"),
+    "adaptive subdivision": (None, "adaptive subdivision is not supported", "WARNING"),
+    "motion blur": (put(render, use_motion_blur=True), "motion blur is not supported", "WARNING"),
+    "stereo": (put(render, use_multiview=True), "stereo rendering is not supported", "WARNING"),
+    "Freestyle": (put(render, use_freestyle=True), "Freestyle lines are not supported", "WARNING"),
+    "caustics off": (
+        cycles(lambda: bpy.context.scene, caustics_reflective=False), "caustics are switched off", "WARNING"),
+    "fast GI": (cycles(lambda: bpy.context.scene, use_fast_gi=True), "Fast Global Illumination", "WARNING"),
+    "camera culling": (None, "culling by the camera", "WARNING"),
+    "panorama": (put(lambda: bpy.data.cameras["Camera"], type="PANO"), "type pano is not supported", "WARNING"),
+    "passes": (put(layer, use_pass_normal=True), "only the Combined pass is supported, not Normal", "WARNING"),
+    "Cycles' passes": (cycles(layer, denoising_store_passes=True), "only the Combined pass is supported", "WARNING"),
+    "AOVs": (lambda: setattr(layer().aovs.add(), "name", "Dirt"), "shader AOVs are not supported and left out: Dirt",
+             "WARNING"),
+    "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
+                     "WARNING"),
+    "samples of a view layer": (put(layer, samples=7), "its own number of samples (7)", "WARNING"),
+    "holdout object": (put(plane, is_holdout=True), "holdouts are not supported", "WARNING"),
+    "holdout collection": (lambda: collection_flag(holdout=True), "holdouts are not supported", "WARNING"),
+    "shadow catcher": (put(plane, is_shadow_catcher=True), "shadow catchers are not supported", "WARNING"),
+    "light linking": (None, "light linking is not supported", "WARNING"),
+    "shadow linking": (None, "light linking is not supported", "WARNING"),
+    "transmission rays": (put(plane, visible_transmission=False), "hiding it from transmission rays", "WARNING"),
+    "volume scatter rays": (put(plane, visible_volume_scatter=False), "hidden from volume scatter", "SKIPPED"),
+    "hidden from all rays": (None, "it is hidden from every ray", "SKIPPED"),
+    "shadow terminator": (None, "shadow terminator offsets are not supported", "WARNING"),
+    "caustics caster": (cycles(plane, is_caustics_caster=True), "shadow caustics are not supported", "WARNING"),
+    "caustics light": (cycles(lamp, is_caustics_light=True), "shadow caustics are not supported", "WARNING"),
+    "caustics world": (cycles(lambda: bpy.context.scene.world, is_caustics_light=True), "shadow caustics", "WARNING"),
+    "a lamp's bounces": (cycles(lamp, max_bounces=1), "its own limit of bounces is not supported", "WARNING"),
+    "a world's bounces": (
+        cycles(lambda: bpy.context.scene.world, max_bounces=1), "its own limit of bounces", "WARNING"),
+    "a lamp's factors": (put(lamp, specular_factor=0.0), "specular factor: only EEVEE knows that", "SKIPPED"),
+    "a lamp's reach": (put(lamp, use_custom_distance=True), "custom distance: only EEVEE knows that", "SKIPPED"),
+    "IES": (lambda: light_nodes("ShaderNodeTexIES", "Strength"), "IES Texture is not supported", "WARNING"),
+    "light falloff": (None, "Light Falloff is supported for a quadratic falloff", "WARNING"),
+    "gobo": (lambda: light_nodes("ShaderNodeTexNoise", "Color"), "Noise Texture is not supported", "WARNING"),
+    "world volume": (world_volume, "volumes are not supported", "WARNING"),
+    "sky": (None, "Sky Texture is not supported", "WARNING"),
+    "world hidden from transmission": (
+        put(lambda: bpy.context.scene.world.cycles_visibility, transmission=False),
+        "hiding it from transmission rays", "WARNING"),
+    "material volume": (
+        lambda: feed("OutputMaterial", "ShaderNodeVolumeScatter", "Volume"), "volumes are not supported", "WARNING"),
+    "displacement": (
+        lambda: feed("OutputMaterial", "ShaderNodeDisplacement", "Displacement"), "displacement is not supported",
+        "WARNING"),
+    "bump": (lambda: feed("BsdfDiffuse", "ShaderNodeBump", "Normal"), "Bump is not supported", "WARNING"),
+    "normal map": (lambda: feed("BsdfDiffuse", "ShaderNodeNormalMap", "Normal"), "Normal Map is not supported",
+                   "WARNING"),
+    "bump on Toon": (None, "Bump is not supported", "WARNING"),
+    "texture": (lambda: feed("BsdfDiffuse", "ShaderNodeTexNoise"), "Noise Texture is not supported", "WARNING"),
+    "vertex colours": (
+        lambda: feed("BsdfDiffuse", "ShaderNodeVertexColor"), "is not supported and counts as unplugged", "WARNING"),
+    "UDIM tiles": (None, "UDIM tiles are not supported", "WARNING"),
+    "glass": (lambda: shader("ShaderNodeBsdfGlass"), "Glass BSDF is not supported", "WARNING"),
+    "holdout shader": (lambda: shader("ShaderNodeHoldout"), "Holdout is not supported", "WARNING"),
+    "clear coat": (
+        lambda: shader("ShaderNodeEeveeSpecular", Clear_Coat=1.0), "clear coat is not supported", "WARNING"),
+    "opaque shadows": (None, "opaque shadows of a transparent surface", "WARNING"),
+    "backface culling": (
+        lambda: setattr(plane().active_material, "use_backface_culling", True), "only EEVEE knows that", "SKIPPED"),
+}  # fmt: skip
+
+
+def makes(name: str):
+    """Register a function as the way to make a case that takes more than a line."""
+
+    def register(function):
+        NAMED[name] = (function, *NAMED[name][1:])
+        return function
+
+    return register
+
+
+@makes("adaptive subdivision")
+def _():
+    modifier = plane().modifiers.new("Subdivision", "SUBSURF")
+    if V5:
+        modifier.use_adaptive_subdivision = True
+    else:
+        bpy.context.scene.cycles.feature_set = "EXPERIMENTAL"
+        plane().cycles.use_adaptive_subdivision = True
+
+
+@makes("camera culling")
+def _():
+    bpy.context.scene.render.use_simplify = bpy.context.scene.cycles.use_camera_cull = True
+
+
+@makes("light linking")
+def _():
+    lamp_object = bpy.data.objects["Lamp"]
+    lamp_object.light_linking.receiver_collection = bpy.data.collections.new("Lit")
+
+
+@makes("shadow linking")
+def _():
+    bpy.data.objects["Lamp"].light_linking.blocker_collection = bpy.data.collections.new("Blockers")
+
+
+@makes("hidden from all rays")
+def _():
+    second = add_object("Second", plane_mesh())
+    for ray in ("camera", "diffuse", "glossy", "shadow"):
+        setattr(second, f"visible_{ray}", False)
+
+
+@makes("shadow terminator")
+def _():
+    holder = plane() if hasattr(plane(), "shadow_terminator_geometry_offset") else plane().cycles
+    holder.shadow_terminator_geometry_offset = 0.5
+
+
+@makes("light falloff")
+def _():
+    light_nodes("ShaderNodeLightFalloff", "Strength")
+    nodes = lamp().node_tree
+    falloff = next(node for node in nodes.nodes if node.bl_idname == "ShaderNodeLightFalloff")
+    emission = next(node for node in nodes.nodes if node.bl_idname == "ShaderNodeEmission")
+    nodes.links.new(falloff.outputs["Linear"], emission.inputs["Strength"])
+
+
+@makes("sky")
+def _():
+    nodes = bpy.context.scene.world.node_tree
+    nodes.links.new(nodes.nodes.new("ShaderNodeTexSky").outputs[0], nodes.nodes["Background"].inputs["Color"])
+
+
+@makes("bump on Toon")
+def _():
+    node = shader("ShaderNodeBsdfToon")
+    nodes = node.id_data
+    nodes.links.new(nodes.nodes.new("ShaderNodeBump").outputs[0], node.inputs["Normal"])
+
+
+@makes("UDIM tiles")
+def _():
+    image = feed("BsdfDiffuse", "ShaderNodeTexImage").image = bpy.data.images.new("Tiled", 4, 4, tiled=True)
+    image.tiles.new(1002)
+
+
+@makes("opaque shadows")
+def _():
+    shader("ShaderNodeBsdfTransparent")
+    plane().active_material.use_transparent_shadow = False
+
+
+@pytest.mark.parametrize("case", NAMED)
+def test_what_is_not_drawn_as_asked_is_named(scene, checked, case) -> None:
+    make, expected, level = NAMED[case]
+    before = checked()
+    assert texts(before, "ERROR", "WARNING", "SKIPPED") == []
+    make()
+    found = texts(checked(), level)
+    assert any(expected in text for text in found), found
+
+
+# --- what is honoured -------------------------------------------------------------------------------------------------
+
+
+def geometry_nodes_instances():
+    """A cube at each corner of the plane."""
+    group = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeInstanceOnPoints", "GeometryNodeMeshCube", "NodeGroupOutput")
+    start, scatter, cube, end = (group.nodes.new(kind) for kind in kinds)
+    group.links.new(start.outputs[0], scatter.inputs["Points"])
+    group.links.new(cube.outputs["Mesh"], scatter.inputs["Instance"])
+    group.links.new(scatter.outputs[0], end.inputs[0])
+    plane().modifiers.new("Scatter", "NODES").node_group = group
+
+
+def collection_instance():
+    inner = bpy.data.collections.new("Inner")
+    inner.objects.link(bpy.data.objects.new("Inside", plane_mesh()))
+    empty = add_object("Instancer", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", inner
+
+
+def background_scene():
+    other = bpy.data.scenes.new("Set")
+    other.collection.objects.link(bpy.data.objects.new("Backdrop", plane_mesh()))
+    bpy.context.scene.background_set = other
+
+
+def depth_of_field():
+    dof = bpy.data.cameras["Camera"].dof
+    dof.use_dof, dof.aperture_fstop, dof.aperture_blades, dof.aperture_ratio = True, 1.0, 6, 2.0
+
+
+def border():
+    render().use_border, render().border_max_x = True, 0.5
+
+
+def meta():
+    data = bpy.data.metaballs.new("Meta")
+    data.elements.new()
+    add_object("Meta", data)
+
+
+def curve():
+    data = bpy.data.curves.new("Curve", "CURVE")
+    data.splines.new("BEZIER").bezier_points.add(1)
+    data.splines[0].bezier_points[1].co = (1, 0, 0)
+    data.bevel_depth = 0.1
+    add_object("Curve", data)
+
+
+def only_in_renders():
+    """What the viewport's evaluation doesn't hold."""
+    object_of("volumes")()
+    bpy.data.objects["Thing"].hide_viewport = True
+
+
+def subdivided_in_renders():
+    modifier = plane().modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels, modifier.render_levels = 0, 2
+
+
+def instances(exported) -> int:
+    return len(exported.instances.mesh)
+
+
+# What is in the scene -> (how to make it, what is then true of the exported scene).
+HONOURED = {
+    "text": (lambda: setattr(add_object("Text", bpy.data.curves.new("Text", "FONT")).data, "body", "A"),
+             lambda scene: instances(scene) == 2),
+    "curve": (curve, lambda scene: instances(scene) == 2),
+    "metaball": (meta, lambda scene: instances(scene) == 2),
+    "collection instance": (collection_instance, lambda scene: instances(scene) == 2),
+    "geometry nodes": (geometry_nodes_instances, lambda scene: instances(scene) == 4),
+    "background scene": (background_scene, lambda scene: instances(scene) == 2),
+    "render subdivision": (subdivided_in_renders, lambda scene: len(scene.meshes[0].triangles) == 32),
+    "no environment": (put(layer, use_sky=False), lambda scene: not any(scene.world.color)),
+    "film": (put(render, film_transparent=True), lambda scene: scene.transparent_film),
+    "border": (border, lambda scene: scene.region == (0, 0, 16, 24)),
+    "depth of field": (
+        depth_of_field, lambda scene: (a := scene.camera.aperture) is not None and (a.blades, a.ratio) == (6, 2.0)),
+    "orthographic": (put(lambda: bpy.data.cameras["Camera"], type="ORTHO"), lambda scene: scene.camera.orthographic),
+    "hidden from the camera": (
+        put(plane, visible_camera=False), lambda scene: not scene.instances.visibility[0] & 1),
+    "indirect only": (
+        lambda: collection_flag(indirect_only=True),
+        lambda scene: sorted(v & 1 for v in scene.instances.visibility) == [0, 1]),
+    "no shadow": (put(lamp, use_shadow=False), lambda scene: not scene.lights[0].cast_shadow),
+    "soft falloff off": (put(lamp, use_soft_falloff=False), lambda scene: not scene.lights[0].soft_falloff),
+    "exposure of the film": (
+        cycles(lambda: bpy.context.scene, film_exposure=2.0), lambda scene: scene.exposure == 2.0),
+    "material override": (
+        lambda: setattr(layer(), "material_override", new_material("Over", "ShaderNodeEmission")[0]),
+        lambda scene: any(scene.materials[scene.instances.material_table[0]].emission)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HONOURED)
+def test_what_is_honoured_is_drawn_and_not_listed(scene, part, checked, case) -> None:
+    make, holds = HONOURED[case]
+    export_scene = part("export").export_scene
+    assert not holds(in_render(lambda engine, graph: export_scene(graph)))
+    make()
+    assert holds(in_render(lambda engine, graph: export_scene(graph)))
+    assert texts(checked()) == []
+
+
+# --- the check ------------------------------------------------------------------------------------------------------
+
+
+def test_the_check_sees_what_a_render_sees(scene, checked) -> None:
+    only_in_renders()
+    assert [group.names for group in checked()] == [("Thing",)]
+    bpy.data.objects["Thing"].hide_render = True
+    assert checked() == []
+
+
+def test_all_view_layers_are_checked(scene, checked) -> None:
+    scene.view_layers.new("Second").use_pass_normal = True
+    assert [group.names for group in checked()] == [("Second",)]
+
+
+def test_the_check_leaves_everything_as_it_was(scene, checked) -> None:
+    engines = {cls for cls in bpy.types.RenderEngine.__subclasses__() if cls.is_registered}
+    names = ("scenes", "objects", "meshes", "materials", "collections", "worlds", "node_groups")
+    before = {name: len(getattr(bpy.data, name)) for name in names}
+    scene.render.use_compositing = True
+    checked()
+    assert {name: len(getattr(bpy.data, name)) for name in before} == before
+    assert bpy.context.scene == scene and scene.render.engine == "LOBE" and scene.render.use_compositing
+    assert {cls for cls in bpy.types.RenderEngine.__subclasses__() if cls.is_registered} == engines
+
+
+def test_handlers_of_renders_hear_nothing_of_a_check(scene, checked, rendered) -> None:
+    heard = []
+
+    def hear(*_) -> None:
+        heard.append(1)
+
+    lists = (bpy.app.handlers.render_init, bpy.app.handlers.render_pre, bpy.app.handlers.render_complete)
+    for handlers in lists:
+        handlers.append(hear)
+    try:
+        checked()
+        assert heard == []
+        rendered(scene)
+        assert len(heard) == 3
+    finally:
+        for handlers in lists:
+            handlers.remove(hear)
+
+
+def test_the_render_result_stays(scene, checked, rendered, tmp_path) -> None:
+    pixels = rendered(scene)
+    checked()
+    bpy.data.images["Render Result"].save_render(str(tmp_path / "again.exr"), scene=scene)
+    import OpenImageIO as oiio
+
+    again = oiio.ImageBuf(str(tmp_path / "again.exr")).get_pixels(oiio.FLOAT)
+    assert pixels.max() > 0.0 and np.array_equal(again[::-1], pixels)
+
+
+@pytest.mark.parametrize(
+    ("make", "kind", "text"),
+    [
+        (lambda: setattr(bpy.context.scene, "camera", None), "", "the scene has no camera"),
+        (lambda: setattr(lamp(), "energy", -1.0), "light", "negative"),
+    ],
+)
+def test_what_cannot_be_rendered(scene, checked, make, kind, text) -> None:
+    make()
+    (group,) = [group for group in checked() if group.level == "ERROR"]
+    assert group.kind == kind and text in group.what
+    assert group.names == (("Lamp",) if kind else ())
+
+
+def test_a_crash_is_named_and_not_swallowed(scene, part, checked, monkeypatch, capfd) -> None:
+    def fail(*_, **__):
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(part("check"), "export_scene", fail)
+    assert texts(checked(), "ERROR") == ["Lobe failed (ZeroDivisionError: on purpose). This is a bug"]
+    assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+# --- the report -----------------------------------------------------------------------------------------------------
+
+
+def three_of_glass() -> None:
+    shader("ShaderNodeBsdfGlass")
+    for number in range(2):
+        material, _ = new_material(f"Glass {number}", "ShaderNodeBsdfGlass")
+        add_object(f"Pane {number}", plane_mesh()).data.materials.append(material)
+
+
+def test_equal_notes_are_counted_once(scene, checked) -> None:
+    three_of_glass()
+    groups = [group for group in checked() if "Glass BSDF" in group.what]
+    assert [sorted(group.names) for group in groups] == [["Glass 0", "Glass 1", "Other"]]
+
+
+def test_names_of_images_do_not_keep_notes_apart(part) -> None:
+    notes = part("export").Notes()
+    for name in ("a.png", "b.png"):
+        notes.warn("material", name, f"image '{name}' is not mapped, its average colour is drawn")
+    (group,) = part("export").grouped(notes.all)
+    assert group.what == "image '...' is not mapped, its average colour is drawn" and len(group.names) == 2
+
+
+def test_a_render_fills_the_list_too(scene, part, rendered) -> None:
+    three_of_glass()
+    rendered(scene)
+    report = part("scene_report").report_of(scene)
+    assert report.source == "render"
+    assert any("Glass BSDF" in group.what and len(group.names) == 3 for group in report.groups)
+
+
+def test_a_render_that_fails_does_so(scene, part) -> None:
+    lamp().energy = -1.0
+    with pytest.raises(RuntimeError, match="negative"):
+        bpy.ops.render.render()
+    (group,) = part("scene_report").report_of(scene).of_level("ERROR")
+    assert group.names == ("Lamp",)
+
+
+def test_two_scenes_have_reports_of_their_own(scene, part, checked) -> None:
+    shader("ShaderNodeBsdfGlass")
+    other = bpy.data.scenes.new("Other")
+    checked()
+    assert part("scene_report").report_of(other) is None
+
+
+def test_loading_a_file_forgets(scene, part, checked, tmp_path) -> None:
+    shader("ShaderNodeBsdfGlass")
+    checked()
+    path = str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    assert part("scene_report").report_of(bpy.context.scene) is not None
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert part("scene_report").report_of(bpy.context.scene) is None
+
+
+def test_switching_the_add_on_off_and_on(scene, part, checked) -> None:
+    shader("ShaderNodeBsdfGlass")
+    groups = checked()
+    addon_utils.disable(MODULE)
+    gone = bpy.data.scenes.new("Gone")
+    part("scene_report").keep(part("scene_report").key(gone), "check", [])
+    bpy.data.scenes.remove(gone)
+    addon_utils.enable(MODULE, default_set=True)
+    assert list(part("scene_report").report_of(scene).groups) == groups
+    assert len(part("scene_report")._reports) == 1
+
+
+# --- the panel -----------------------------------------------------------------------------------------------------
+
+
+def select(part, what: str) -> set[str]:
+    groups = part("scene_report").report_of(bpy.context.scene).groups
+    index = next(i for i, group in enumerate(groups) if what in group.what)
+    assert bpy.ops.lobe.select_reported(index=index) == {"FINISHED"}
+    return {object_.name for object_ in bpy.context.view_layer.objects if object_.select_get()}
+
+
+def test_the_button_selects_the_objects(scene, part, checked) -> None:
+    three_of_glass()
+    plane().is_shadow_catcher = True
+    lamp().cycles.max_bounces = 1
+    bpy.data.cameras["Camera"].type = "PANO"
+    checked()
+    assert select(part, "Glass BSDF") == {"Plane", "Pane 0", "Pane 1"}
+    assert select(part, "shadow catchers") == {"Plane"}
+    assert bpy.context.view_layer.objects.active == plane()
+    assert select(part, "limit of bounces") == {"Lamp"}
+    assert select(part, "type pano") == {"Camera"}
+
+
+def test_the_button_selects_what_instances_an_object(scene, part, checked) -> None:
+    collection_instance()
+    bpy.data.objects["Inside"].is_shadow_catcher = True
+    checked()
+    assert select(part, "shadow catchers") == {"Instancer"}
+
+
+def test_the_button_says_when_nothing_is_left(scene, part, checked) -> None:
+    plane().is_shadow_catcher = True
+    checked()
+    bpy.data.objects.remove(plane())
+    assert bpy.ops.lobe.select_reported(index=0) == {"CANCELLED"}
+    assert bpy.ops.lobe.select_reported(index=99) == {"CANCELLED"}
+
+
+def test_lines_are_broken_between_words(part) -> None:
+    broken = part("ui.text").broken
+    assert broken("one two three", 7, len) == ["one two", "three"]
+    assert broken("incomprehensible", 3, len) == ["incomprehensible"]
+    assert broken("", 3, len) == []
+
+
+def test_the_command_line_says_the_same(scene, part) -> None:
+    three_of_glass()
+    assert blender_render.check(scene)[:2] == [
+        "Not drawn as asked:",
+        "      3  material    Glass BSDF is not supported, drawn as a glossy pane that light passes straight through: "
+        "Other, Glass 0, Glass 1",
+    ]
+
+
+def test_the_command_line_of_a_scene_that_is_honoured(scene) -> None:
+    assert blender_render.check(scene) == ["Everything in this scene is honoured"]
+    lamp().specular_factor = 0.0
+    lines = blender_render.check(scene)
+    assert lines[:2] == ["Everything in this scene is honoured", "Left out, which changes nothing:"]
+    assert len(lines) == 3
