@@ -9,6 +9,7 @@ kept.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import pickle
@@ -185,10 +186,12 @@ def edited(folder: Path, trial: Trial | None) -> None:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Of a trial with the engine as it is, on one scene: ratios of seconds and of relMSE."""
+    """Of a trial with the engine as it is, on one scene: ratios of seconds and of relMSE, and the relative standard
+    error of the latter."""
 
     time: float
     error: float
+    uncertain: float
 
     @property
     def cost(self) -> float:
@@ -208,23 +211,23 @@ def compare(usual: Copy, other: Copy, trial: Trial, reference: np.ndarray, optio
                 seconds[copy].append(taken)
                 errors[copy].append(metrics.rel_mse(picture, reference))
     time = metrics.median_ratio(seconds[other], seconds[usual])[0]
-    return Comparison(time, float(np.mean(errors[other]) / np.mean(errors[usual])))
+    ratio = np.array(errors[other]) / errors[usual]
+    spread = float(stats.sem(np.log(ratio)))
+    return Comparison(time, float(np.mean(errors[other]) / np.mean(errors[usual])), spread)
 
 
 def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, np.ndarray], usual: Copy, options) -> dict:
     """A row of the table."""
-    with tempfile.TemporaryDirectory() as folder:
-        other = Copy(Path(folder), trial)
-        found = {}
-        try:
-            for name, scene in scenes.items():
-                usual.load(scene)
-                other.load(scene)
-                found[name] = compare(usual, other, trial, references[name], options)
-        finally:
-            other.close()
+    found = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(Copy(Path(folder), trial)) as other:
+        for name, scene in scenes.items():
+            usual.load(scene)
+            other.load(scene)
+            found[name] = compare(usual, other, trial, references[name], options)
     row = {"instead": trial.name}
-    row |= {name: f"{c.cost:.2f} ({c.time:.2f} x {c.error:.2f})" for name, c in found.items()}
+    row |= {
+        name: f"{c.cost:.2f} ({c.time:.2f} x {c.error:.2f} ± {c.error * c.uncertain:.2f})" for name, c in found.items()
+    }
     return row | {"geometric mean": f"{stats.gmean([c.cost for c in found.values()]):.2f}"}
 
 
@@ -254,22 +257,21 @@ def run(options: argparse.Namespace, say) -> None:
     for name in common.SCENES:
         common.prepare(common.scene_path(name), options.resolution, options.threads)
         scenes[name] = exported()
-    with tempfile.TemporaryDirectory() as folder:
-        usual, references, rows = Copy(Path(folder), None), {}, []
-        long = {"samples": options.reference_samples, "seed": REFERENCE_SEED, "pixel_filter": "BOX"}
+    long = {"samples": options.reference_samples, "seed": REFERENCE_SEED, "pixel_filter": "BOX"}
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(Copy(Path(folder), None)) as usual:
+        references, rows = {}, []
         for name, scene in scenes.items():
             usual.load(scene)
             references[name] = usual.render(long)[0].astype(np.float64)
         for trial in tqdm(trials, file=sys.stderr):
             rows.append(measure(trial, scenes, references, usual, options))
             table = common.update_table("trials", ("instead",), rows, note=NOTE)
-        usual.close()
     say(table)
 
 
 NOTE = """\
 Seconds of the render phase times relMSE with another technique, as a multiple of the engine's own; in brackets the two
-factors, of seconds (a median of pairs) and of relMSE. Above 1 the engine is better as it is.
+factors, of seconds (a median of pairs) and of relMSE with its standard error. Above 1 the engine is better as it is.
 
 """
 

@@ -29,7 +29,7 @@ def read(path: Path) -> str:
 
 def tables() -> set[str]:
     """The tables that the benchmarks write: their links may stand before anyone has run them."""
-    sources = "".join(read(path) for path in (REPOSITORY / "benchmarks").glob("*.py"))
+    sources = "".join(read(path) for path in (REPOSITORY / "benchmarks").rglob("*.py"))
     return {f"benchmarks/results/{name}.md" for name in re.findall(r'update_table\(\s*"(\w+)"', sources)}
 
 
