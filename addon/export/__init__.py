@@ -7,8 +7,19 @@ engine, the viewport and `tools/render.py` call it.
 
 from __future__ import annotations
 
+from .live import LiveExport, export_viewport_settings
 from .scene import export_scene
-from .settings import export_settings
+from .settings import export_settings, film_exposure
 from .stop import ExportStopped
+from .view import View, export_view
 
-__all__ = ["ExportStopped", "export_scene", "export_settings"]
+__all__ = [
+    "ExportStopped",
+    "LiveExport",
+    "View",
+    "export_scene",
+    "export_settings",
+    "export_view",
+    "export_viewport_settings",
+    "film_exposure",
+]

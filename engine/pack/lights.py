@@ -18,7 +18,7 @@ from ..features import (
 from ..kernels import tables as t
 from ..kernels.geom.vec import LUMINANCE
 from ..kernels.light.environment import EnvironmentTable, build_environment, environment_irradiance
-from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SunLight, Visibility, World
+from ..scene import BLACK, AreaLight, Camera, Lamp, PointLight, Scene, SunLight, Visibility, World
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
 from .geometry import PackedGeometry, fresh
@@ -32,25 +32,33 @@ LARGEST_IMPORTANCE = 1e30
 
 @dataclass
 class PackedLights:
-    """`shapes` are the lamps' Embree geometries, with the kind and the base of each."""
+    """`shapes` are the lamps' Embree geometries, with the kind and the base of each; `reach` is the largest coordinate
+    that they suit, 0 where it doesn't matter."""
 
     tables: t.Lights
     tree: tuple
-    environment: tuple
+    environment: EnvironmentTable
     shapes: list[TriangleGeometry | SphereGeometry]
     shape_kind: list[int]
     shape_base: list[int]
+    reach: float
     features: dict[str, int]
 
 
-def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
-    """Everything that shines. `geometry` is the same scene's."""
+def pack_lights(
+    scene: Scene, geometry: PackedGeometry, environment: EnvironmentTable | None = None, room: float = 1.0
+) -> PackedLights:
+    """Everything that shines. `geometry` is the same scene's.
+
+    environment  of the world's image, where it is there already
+    room         how much farther than the scene the lamps' shapes are to reach
+    """
     lit = [light for light in scene.lights if _shines(light)]
     local: list[Lamp] = [light for light in lit if isinstance(light, PointLight | AreaLight)]
     suns = [light for light in lit if isinstance(light, SunLight)]
     rows = np.zeros((len(local), t.LAMP_WORDS), np.float32)
     kinds = np.zeros(len(local), np.int32)
-    reach = _reach(scene) if any(isinstance(light, AreaLight) for light in local) else 0.0
+    reach = room * _reach(scene) if any(isinstance(light, AreaLight) for light in local) else 0.0
     for i, light in enumerate(local):
         if isinstance(light, PointLight):
             kinds[i] = pack_point(rows[i], light)
@@ -66,7 +74,8 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     emitters = join_emitters(lamp_emitters(local, kinds, rows), of_meshes)
     count = len(emitters.power)
     world_kind = _world_kind(scene.world)
-    environment = build_environment(_world_image(scene.world, world_kind))
+    if environment is None:
+        environment = build_environment(_world_image(scene.world, world_kind))
     groups = int(count > 0) + int(bool(suns)) + int(world_kind == IMAGE_WORLD)
     tables = t.Lights(
         lamps=rows,
@@ -100,17 +109,21 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         shapes=shapes,
         shape_kind=shape_kind,
         shape_base=shape_base,
+        reach=reach,
         features=features,
     )
 
 
 def _reach(scene: Scene) -> float:
     """The largest coordinate of its surfaces and of the camera."""
-    assert scene.camera is not None
     bounds = surface_bounds(scene)
-    return max(
-        float(np.abs(scene.camera.transform[:, 3]).max()), 0.0 if bounds is None else float(np.abs(bounds).max())
-    )
+    assert scene.camera is not None
+    return max(camera_reach(scene.camera), 0.0 if bounds is None else float(np.abs(bounds).max()))
+
+
+def camera_reach(camera: Camera) -> float:
+    """The largest coordinate of the camera."""
+    return float(np.abs(camera.transform[:, 3]).max())
 
 
 def _kinds_differ(scene: Scene) -> bool:
