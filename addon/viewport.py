@@ -60,8 +60,8 @@ class Viewport:
         if bool(space.local_view or space.use_local_collections) != self._local:
             self.update(context, depsgraph)
         view = export_view(depsgraph, space, region, context.region_data)
-        # Read at every draw: of changes to most of these Blender says nothing but that it draws.
-        scene = depsgraph.scene_eval
+        # Read at every draw, and of the original: scripts change these without that Blender evaluates anything.
+        scene = depsgraph.scene
         film = {"exposure": film_exposure(scene), "transparent_film": scene.render.film_transparent}
         self._show(view, film, export_viewport_settings(scene))
         picture, problem = self._renderer.picture, self._problem or self._failure()
