@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import mmap
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -292,6 +293,35 @@ def test_coarse_pixels_cover_the_region():
     x0, y0, x1, y1 = live._divided(region, 4)
     assert (x0, y0, x1, y1) == (1, 0, 8, 5)
     assert x0 * 4 <= region[0] and y0 * 4 <= region[1] and x1 * 4 >= region[2] and y1 * 4 >= region[3]
+
+
+def test_how_soon_and_how_often_there_are_pictures(watcher, figure):
+    """Figures for the reader, on a scene of 100,000 triangles; what a busy machine makes of them proves nothing."""
+    scene = scenes.lamp_room(["area"])
+    scene.add_instance(scenes.sphere_mesh(158, 0.5, smooth=True, name="fine"), scenes.place((0.5, -0.6, 0.5)))
+    scene.width, scene.height = 1280, 720
+    triangles = sum(len(mesh.triangles) for mesh in scene.meshes)
+    assert triangles > 100_000
+    watcher.show(scene)
+    delays = []
+    for number in range(20):
+        seen, begun = len(watcher.pictures), time.perf_counter()
+        watcher.interactive.show(moved_camera(scene, 1e-3 * number), replace(QUICK, samples=64))
+        watcher.wait_for(lambda seen=seen: len(watcher.pictures) > seen)
+        delays.append(time.perf_counter() - begun)
+        time.sleep(0.1)
+    seen, begun, moves = len(watcher.pictures), time.perf_counter(), 0
+    while time.perf_counter() - begun < 2.0:
+        moves += 1
+        watcher.interactive.show(moved_camera(scene, 1e-4 * moves), QUICK)
+        time.sleep(1 / 60)
+    rate = (len(watcher.pictures) - seen) / 2.0
+    assert len(watcher.pictures) > seen
+    figure(
+        f"interactive: {triangles:,} triangles, {scene.width} x {scene.height} pixels: first picture of a camera move "
+        f"after {1e3 * np.median(delays):.0f} ms (longest {1e3 * max(delays):.0f}), {rate:.0f} pictures a second while "
+        f"it moves, load {os.getloadavg()[0]:.1f}"
+    )
 
 
 def resident_bytes() -> int:

@@ -77,3 +77,8 @@ def test_threads_end(seen) -> None:
     threads = seen["threads"]
     assert THREADS in threads["rendered"] and THREADS in threads["again"]
     assert threads["before"] == threads["left"] == threads["another file"] == []
+
+
+def test_preview_icons_are_rendered(seen) -> None:
+    assert set(seen["preview"]) == {"Material", "World"}
+    assert all(spread > 0.01 for spread in seen["preview"].values())

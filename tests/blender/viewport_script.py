@@ -55,6 +55,7 @@ def watch_drawing() -> None:
         if new:
             drawn.append((time.perf_counter(), picture))
         buffer = gpu.state.active_framebuffer_get().read_color(0, 0, view.width, view.height, 4, 0, "FLOAT")
+        buffer.dimensions = view.width * view.height * 4  # as numpy takes it otherwise its axes are mixed up
         view_pixels[:] = [np.array(buffer, np.float32).reshape(view.height, view.width, 4)]
 
     Drawing.draw = draw
@@ -147,10 +148,29 @@ def steps():
     shading("SOLID")
     yield 1.0
     SEEN["threads"]["left"] = threads()
-    yield from step("again", lambda: shading("RENDERED"))
+    yield from step("again", lambda: setattr(areas()[0].spaces.active.shading, "type", "RENDERED"))
+    yield from previews()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     yield 1.0
     SEEN["threads"]["another file"] = threads()
+
+
+def previews():
+    """The icons of a material and a world: how much their pixels vary, which those of an empty one don't."""
+    SEEN["preview"] = {}
+    for datablock in (bpy.data.materials["Material"], bpy.data.worlds[0]):
+        with bpy.context.temp_override(id=datablock):
+            bpy.ops.ed.lib_id_generate_preview()
+
+        def pixels(datablock=datablock) -> np.ndarray:
+            preview = datablock.preview_ensure()
+            return np.array(preview.image_pixels_float[:], np.float32)
+
+        begun = time.perf_counter()
+        while not np.any(pixels()) and time.perf_counter() - begun < 60:
+            yield 0.1
+        yield 1.0
+        SEEN["preview"][datablock.name] = float(pixels().std())
 
 
 def split() -> None:
