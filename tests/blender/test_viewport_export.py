@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.lobe.addon.export import LiveExport, export_viewport_settings, instances, live
+from bl_ext.user_default.lobe.addon.export.kept import KeptMeshes
 from bl_ext.user_default.lobe.addon.export.materials import material as materials
 from bl_ext.user_default.lobe.engine import SceneError
 
@@ -305,3 +307,30 @@ def test_a_thousand_edits_keep_no_meshes(viewport):
         bpy.context.view_layer.update()
     assert len(kept._meshes) == 2 and not kept._asked
     assert len(viewport.scene.meshes) == 2
+
+
+def fake_datablock(uid: int, address: int = 0, size: int = 8):
+    """As much of a bpy datablock as `KeptMeshes` looks at."""
+    original = SimpleNamespace(session_uid=uid)
+    return SimpleNamespace(
+        original=original, as_pointer=lambda: address, vertices=range(size), loops=range(size), polygons=range(size)
+    )
+
+
+def test_what_was_evaluated_again_is_not_taken_over_whatever_its_address():
+    kept, exports = KeptMeshes(), iter("abcdefgh")
+
+    def export(data, owner, *changed: int) -> str:
+        kept.forget(set(changed))
+        mesh = kept.get(data, owner, None, lambda: next(exports))
+        kept.finish()
+        return mesh
+
+    cube, twin, mesh = fake_datablock(1), fake_datablock(2), fake_datablock(3, address=64)
+    assert export(mesh, cube) == export(mesh, cube) == export(mesh, twin) == export(mesh, cube, 99) == "a"
+    assert export(mesh, cube, 3) == "b"  # its mesh has changed
+    assert export(mesh, cube, 1) == "c"  # its modifiers
+    assert export(mesh, twin, 2) == "d"  # another object, evaluated into the memory that the first one left
+    assert export(fake_datablock(3, address=64, size=9), twin) == "e"
+    assert export(mesh, twin) == "f"  # what nobody asked for was dropped
+    assert export(mesh, cube, 2) == "g"  # the object that it was exported of has changed, not the one that asks
