@@ -11,6 +11,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..engine import CHOICES, RANGES, Settings
 
 _DEFAULTS = Settings()
+VIEWPORT_SAMPLES = 64
 _INT_MAX = (1 << 31) - 1
 _FLOAT_MAX = 3.4e38  # FloatProperty holds a float32
 
@@ -53,6 +54,12 @@ class LobeSettings(bpy.types.PropertyGroup):
         description="Paths traced for each pixel. Time grows in proportion; noise halves with four times as many",
         soft_max=4096,
         **_limits("samples"),
+    )
+    viewport_samples: IntProperty(
+        name="Viewport Samples",
+        description="Paths traced for each pixel of a 3D viewport in Rendered mode. Then it rests",
+        soft_max=4096,
+        **{**_limits("samples"), "default": VIEWPORT_SAMPLES},
     )
     seed: IntProperty(
         name="Seed",

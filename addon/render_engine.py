@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import traceback
+import weakref
 
 import bpy
 
 from ..engine import LobeError
+
+_viewports: weakref.WeakSet = weakref.WeakSet()  # all that may have threads
 
 
 class LobeRenderEngine(bpy.types.RenderEngine):
@@ -19,6 +22,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
     # Class attributes and no work in __init__: Blender calls that twice for one object (measured in 5.0).
     session = None  # made by update() for the render() that follows; None when the export failed
     frame_report = None  # of the view layers rendered so far in this frame
+    viewport = None  # made by the first callback of a 3D viewport
     failed = False  # then this frame's other view layers aren't tried: the user has the message
 
     def __init__(self, *args, **kwargs):
@@ -54,13 +58,24 @@ class LobeRenderEngine(bpy.types.RenderEngine):
             publish(report, self)
 
     def view_update(self, context, depsgraph) -> None:
-        """Nothing to do: the viewport only says that it does not render yet."""
+        """Blender has evaluated the scene anew, or a viewport has just been switched to Rendered."""
+        with _reporting(self):
+            self._viewport().update(context, depsgraph)
+            self.tag_redraw()
 
     def view_draw(self, context, depsgraph) -> None:
         with _reporting(self):
-            from .viewport import draw_message
+            self.update_stats(*self._viewport().draw(context, depsgraph))
 
-            draw_message(context.region, "Lobe does not render in the viewport yet: press F12")
+    def _viewport(self):
+        if self.viewport is None:
+            from .viewport import Viewport
+
+            self.viewport = Viewport(self)
+            # Not in __del__: there Blender no longer lets one look at the attributes. Also when the program ends.
+            weakref.finalize(self, self.viewport.close)
+            _viewports.add(self.viewport)
+        return self.viewport
 
 
 class _reporting:
@@ -92,9 +107,19 @@ class _reporting:
         return True
 
 
+@bpy.app.handlers.persistent
+def close_viewports(*_) -> None:
+    """End their threads: before another file is opened, and when Lobe is disabled."""
+    for viewport in list(_viewports):
+        viewport.close()
+
+
 def register() -> None:
     bpy.utils.register_class(LobeRenderEngine)
+    bpy.app.handlers.load_pre.append(close_viewports)
 
 
 def unregister() -> None:
+    bpy.app.handlers.load_pre.remove(close_viewports)
+    close_viewports()
     bpy.utils.unregister_class(LobeRenderEngine)

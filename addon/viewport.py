@@ -1,16 +1,123 @@
-"""The viewport in Rendered mode. For now it says in words that Lobe doesn't render there yet."""
+"""The viewport in Rendered mode: one `Viewport` for each 3D viewport.
+
+Blender's side is here: what has changed is exported when Blender says so, and the newest picture is drawn. The tracing
+is the engine's, on threads of its own, which never touch bpy but to ask for a redraw.
+"""
 
 from __future__ import annotations
 
-import blf
+import contextlib
+import traceback
+import weakref
+from dataclasses import replace
+from typing import NamedTuple
 
-TEXT_SIZE = 16.0  # pixels
+import bpy
+
+from .. import engine as lobe
+from . import draw
+from .export import LiveExport, View, export_view, export_viewport_settings, film_exposure
 
 
-def draw_message(region, text: str) -> None:
-    """Write `text` into the middle of the region."""
-    blf.size(0, TEXT_SIZE)
-    width, height = blf.dimensions(0, text)
-    blf.color(0, 0.8, 0.8, 0.8, 1.0)
-    blf.position(0, (region.width - width) / 2.0, (region.height - height) / 2.0, 0.0)
-    blf.draw(0, text)
+class _Shown(NamedTuple):
+    """What the renderer was given, and what it was made of."""
+
+    exported: lobe.Scene
+    view: View
+    film: dict
+    settings: lobe.Settings
+    scene: lobe.Scene
+
+
+class Viewport:
+    """Made by the first callback of a `RenderEngine`; closed when Blender drops that engine, at the latest."""
+
+    def __init__(self, engine: bpy.types.RenderEngine):
+        self._export = LiveExport()
+        self._scene: lobe.Scene | None = None  # as exported, without a camera
+        self._local = False  # whether only chosen objects are shown
+        self._shown: _Shown | None = None  # what the renderer was given last
+        self._problem = ""  # why the scene could not be exported
+        self._told: Exception | None = None
+        self._drawing = draw.Drawing()
+        self._renderer = lobe.Interactive(_redraw(engine))
+
+    def update(self, context, depsgraph) -> None:
+        """Blender has evaluated something anew."""
+        space = context.space_data
+        local = bool(space.local_view or space.use_local_collections)
+        shown = (lambda object_: object_.visible_in_viewport_get(space)) if local else None
+        try:
+            self._scene = self._export.update(depsgraph, shown, anew=local or local != self._local)
+            self._problem = ""
+        except lobe.LobeError as error:
+            self._problem = str(error)
+        self._local = local
+
+    def draw(self, context, depsgraph) -> tuple[str, str]:
+        """The newest picture, and the next one asked for if the view is another. Returns Blender's two status texts."""
+        space, region = context.space_data, context.region
+        if bool(space.local_view or space.use_local_collections) != self._local:
+            self.update(context, depsgraph)
+        view = export_view(depsgraph, space, region, context.region_data)
+        # Read at every draw, and of the original: scripts change these without that Blender evaluates anything.
+        scene = depsgraph.scene
+        film = {"exposure": film_exposure(scene), "transparent_film": scene.render.film_transparent}
+        self._show(view, film, export_viewport_settings(scene))
+        picture, problem = self._renderer.picture, self._problem or self._failure()
+        if problem:
+            draw.message(region, problem)
+        elif picture is not None and not view.is_empty:
+            self._drawing.draw(picture, view)
+        return self._status(picture, view)
+
+    def close(self) -> None:
+        self._renderer.close()
+        self._scene = None
+        self._shown = None
+        self._export = LiveExport()
+
+    def _show(self, view: View, film: dict, settings: lobe.Settings) -> None:
+        """Ask for another picture, where anything has changed since the last one was asked for."""
+        if self._scene is None or self._problem or view.is_empty:
+            return
+        before = self._shown
+        same = before is not None and before.exported is self._scene and before.film == film and view.same(before.view)
+        if before is not None and same and before.settings == settings:
+            return
+        if before is not None and same:
+            scene = before.scene
+        else:
+            camera, width, height, region = view
+            scene = replace(self._scene, camera=camera, width=width, height=height, region=region, **film)
+        self._shown = _Shown(self._scene, view, film, settings, scene)
+        self._renderer.show(scene, settings)
+
+    def _failure(self) -> str:
+        """What the renderer can't do, in words. A defect goes to the console once."""
+        error = self._renderer.error
+        if error is None or isinstance(error, lobe.LobeError):
+            return "" if error is None else str(error)
+        if error is not self._told:
+            self._told = error
+            traceback.print_exception(error)
+        return f"Lobe failed ({type(error).__name__}). This is a bug: the console has the details"
+
+    def _status(self, picture: lobe.Picture | None, view: View) -> tuple[str, str]:
+        message = self._renderer.message
+        if message or picture is None:
+            return "", f"{message[:1].upper()}{message[1:]}" or "Preparing"
+        return "", f"Sample {picture.samples}/{picture.total}"
+
+
+def _redraw(engine: bpy.types.RenderEngine):
+    """A function that asks Blender to draw the viewport again. It keeps the engine no longer than Blender does."""
+    reference = weakref.ref(engine)
+
+    def redraw() -> None:
+        alive = reference()
+        if alive is not None:
+            with contextlib.suppress(ReferenceError):  # Blender has just dropped it
+                alive.tag_redraw()
+
+    return redraw

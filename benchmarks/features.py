@@ -148,7 +148,7 @@ def compile_and_say(features: Features) -> None:
     packed = pack(Scene(camera=Camera()), Settings())
     packed.features = features
     begun = time.perf_counter()
-    schedule._load_kernel(packed, Settings())
+    schedule.load_kernel(packed, Settings())
     seconds = time.perf_counter() - begun
     kernel = schedule.tile_kernel(features)
     code = kernel.overloads[kernel.signatures[0]].library._get_compiled_object()

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .errors import LobeError, SceneError, SettingsError
-from .result import Progress, Result
+from .interactive import Interactive
+from .result import Picture, Progress, Result
 from .scene import (
     DEFAULT_MATERIAL,
     Aperture,
@@ -38,10 +39,12 @@ __all__ = [
     "AreaLight",
     "Camera",
     "Instances",
+    "Interactive",
     "Lamp",
     "LobeError",
     "Material",
     "Mesh",
+    "Picture",
     "PointLight",
     "Progress",
     "Result",
@@ -75,7 +78,7 @@ def render(
     """
     settings.validate()
     scene.validate()
-    problem = None if settings.road == "REFERENCE" else _numba_problem()
+    problem = None if settings.road == "REFERENCE" else numba_problem()
     if settings.road == "COMPILED" and problem is None:
         from .schedule import render_compiled
 
@@ -89,7 +92,7 @@ def render(
     return result
 
 
-def _numba_problem() -> str | None:
+def numba_problem() -> str | None:
     """Why Numba can't do its work, None where it can.
 
     Another extension may have brought versions of it, of llvmlite or of numpy that don't go together, or others than

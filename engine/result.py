@@ -24,6 +24,23 @@ class Progress:
         return self.samples / self.total if self.total else 0.0
 
 
+@dataclass(frozen=True)
+class Picture:
+    """What an interactive render shows.
+
+    pixels   (h, w, 4) float32, as in `Result`; each may stand for several pixels of the picture
+    region   (x0, y0, x1, y1), the pixels of the picture that it covers; it may reach beyond its edges
+    size     width and height of the whole picture
+    samples  per pixel, of `total`; 0 while pixels are coarse
+    """
+
+    pixels: np.ndarray
+    region: tuple[int, int, int, int]
+    size: tuple[int, int]
+    samples: int
+    total: int
+
+
 @dataclass
 class Result:
     """A picture and how it came about.

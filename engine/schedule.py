@@ -130,7 +130,7 @@ class _Render:
             with self._timed("build"):
                 packed = self._build()
             with self._timed("compile"):
-                self._do(_compiling, _load_kernel, packed, self.settings)
+                self._do(compiling, load_kernel, packed, self.settings)
             with self._timed("render"):
                 self._passes(packed)
         except Stopped:
@@ -163,11 +163,8 @@ class _Render:
     def _load_small_ones(self) -> None:
         """Compiled functions that packing needs."""
         self.watch.tell("building", force=True)
-        self._do(_compiling, build_monitor)
-        if self.scene.lights:
-            self._do(_compiling, lamp_filter)
-        if len(self.scene.lights) > 1 or any(any(material.emission) for material in self.scene.materials):
-            self._do(_compiling, load_builder)
+        for function in small_functions(self.scene):
+            self._do(compiling, function)
 
     def _build(self) -> Packed:
         packed = self._do(lambda _: "building", pack, self.scene, self.settings, self.halt)
@@ -179,7 +176,7 @@ class _Render:
         settings, watch = self.settings, self.watch
         watch.show(self.film)
         adaptive = AdaptiveSampling(self.film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
-        for first, count in _schedule(settings.samples):
+        for first, count in schedule(settings.samples):
             self._one_pass(packed, adaptive, first, count)
             watch.tell("rendering", force=first == 0)
             watch.ask()  # a pass may be over before anybody asked
@@ -188,7 +185,7 @@ class _Render:
 
     def _one_pass(self, packed: Packed, adaptive: AdaptiveSampling | None, first: int, count: int) -> None:
         """Samples first .. first + count of the picture, on all threads."""
-        tiles = _Shared(_tiles(self.film.region, count))
+        tiles = Shared(tiles_of(self.film.region, count))
         futures = [self.pool.submit(self._work, packed, adaptive, tiles, first, count) for _ in range(self.threads)]
         try:
             self.watch.wait_for(futures, lambda _: "rendering")
@@ -200,21 +197,9 @@ class _Render:
 
     def _work(self, packed: Packed, adaptive, tiles: Iterator, first: int, count: int) -> tuple[int, np.ndarray]:
         """One thread's part of a pass. Returns the rays traced and the kernel's counters."""
-        render_tile, tables = tile_kernel(packed.features), _tables(packed)
-        limits = _limits(packed.features, self.settings)
-        film, seed = self.film, np.uint32(self.settings.seed & 0xFFFFFFFF)
-        origin = np.array(film.region[:2], np.int64)
-        half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
-        memory = new_memory(packed.features, packed.lights.shape_count)
-        counters, rays = np.zeros(COUNTERS, np.int64), 0
-        for tile in tiles:
-            if self.halt[0] or (first > 0 and time.perf_counter() > self.watch.deadline):
-                break  # the first pass is finished in any case: a picture with holes is none
-            rays += render_tile(
-                tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active,
-                counters, self.halt,
-            )  # fmt: skip
-        return rays, counters
+        # The first pass is finished in any case: a picture with holes is none.
+        deadline = self.watch.deadline if first > 0 else np.inf
+        return render_tiles(packed, self.settings, self.film, adaptive, tiles, first, count, self.halt, deadline)
 
     def _count(self, work: list[tuple[int, np.ndarray]]) -> None:
         for rays, counters in work:
@@ -224,11 +209,42 @@ class _Render:
         self.result.draws_per_direction = float(self.counted[DRAWS] / max(self.counted[DIRECTIONS], 1))
 
 
-def _compiling(seconds: float) -> str:
+def render_tiles(
+    packed: Packed, settings: Settings, film: Film, adaptive: AdaptiveSampling | None, tiles: Iterator, first: int,
+    count: int, halt: np.ndarray, deadline: float = np.inf,
+) -> tuple[int, np.ndarray]:  # fmt: skip
+    """Samples first .. first + count of tiles, on this thread, until none is left, `halt[0]` is set or the deadline is
+    over. Returns the rays traced and the kernel's counters."""
+    render_tile, tables = tile_kernel(packed.features), _tables(packed)
+    limits, seed = _limits(packed.features, settings), np.uint32(settings.seed & 0xFFFFFFFF)
+    origin = np.array(film.region[:2], np.int64)
+    half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
+    memory = new_memory(packed.features, packed.lights.shape_count)
+    counters, rays = np.zeros(COUNTERS, np.int64), 0
+    for tile in tiles:
+        if halt[0] or time.perf_counter() > deadline:
+            break
+        rays += render_tile(
+            tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, counters,
+            halt,
+        )  # fmt: skip
+    return rays, counters
+
+
+def small_functions(scene: Scene) -> Iterator[Callable]:
+    """What loads or compiles the functions that packing the scene needs."""
+    yield build_monitor
+    if scene.lights:
+        yield lamp_filter
+    if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
+        yield load_builder
+
+
+def compiling(seconds: float) -> str:
     return "compiling (first time only)" if seconds > ANNOUNCE_SECONDS else "preparing"
 
 
-def _schedule(total: int) -> Iterator[tuple[int, int]]:
+def schedule(total: int) -> Iterator[tuple[int, int]]:
     """(first sample, number of samples) of each pass."""
     first = 0
     for count in itertools.chain(FIRST_PASSES, itertools.repeat(PASS_SAMPLES)):
@@ -238,7 +254,7 @@ def _schedule(total: int) -> Iterator[tuple[int, int]]:
         first += count
 
 
-def _tiles(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[int, int, int, int]]:
+def tiles_of(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[int, int, int, int]]:
     """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets."""
     x0, y0, x1, y1 = region
     size = min(max((x1 - x0) * (y1 - y0) * samples // TILES, BATCH), TILE_SAMPLES)
@@ -248,7 +264,7 @@ def _tiles(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[in
             yield x, y, min(x + side, x1), min(y + side, y1)
 
 
-class _Shared:
+class Shared:
     """An iterator that threads take from in turn."""
 
     def __init__(self, items: Iterator):
@@ -281,7 +297,7 @@ def _limits(features: Features, settings: Settings) -> Limits:
     )
 
 
-def _load_kernel(packed: Packed, settings: Settings) -> None:
+def load_kernel(packed: Packed, settings: Settings) -> None:
     """Have the kernel ready: a tile without pixels makes Numba compile it or read it from disk."""
     limits = _limits(packed.features, settings)
     with _no_garbage_collection():
@@ -339,5 +355,5 @@ def precompile_common() -> None:
     packed = pack(Scene(camera=Camera()), Settings())
     for features in common:
         packed.features = features
-        _load_kernel(packed, Settings())
+        load_kernel(packed, Settings())
     build_light_tree(np.zeros((3, 6)), np.eye(3), np.zeros(3), np.ones(3), np.ones(3), np.ones(3, np.bool_))

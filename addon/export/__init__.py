@@ -7,9 +7,24 @@ engine, the viewport and `tools/render.py` call it.
 
 from __future__ import annotations
 
+from .live import LiveExport, export_viewport_settings
 from .notes import Group, Note, Notes, grouped
 from .scene import export_scene
-from .settings import export_settings
+from .settings import export_settings, film_exposure
 from .stop import ExportStopped
+from .view import View, export_view
 
-__all__ = ["ExportStopped", "Group", "Note", "Notes", "export_scene", "export_settings", "grouped"]
+__all__ = [
+    "ExportStopped",
+    "Group",
+    "LiveExport",
+    "Note",
+    "Notes",
+    "View",
+    "export_scene",
+    "export_settings",
+    "export_view",
+    "export_viewport_settings",
+    "film_exposure",
+    "grouped",
+]

@@ -61,7 +61,7 @@ def export_camera(scene, notes: Notes) -> Camera:
         orthographic=orthographic,
         clip_start=data.clip_start,
         clip_end=data.clip_end,
-        aperture=_aperture(data, transform, orthographic) if data.dof.use_dof else None,
+        aperture=export_aperture(data, transform, orthographic) if data.dof.use_dof else None,
     )
 
 
@@ -92,7 +92,7 @@ def _window(span: float, fit: str, shift_x: float, shift_y: float, render) -> tu
     return x - half_x, x + half_x, y - half_y, y + half_y
 
 
-def _aperture(data, transform: np.ndarray, orthographic: bool) -> Aperture:
+def export_aperture(data, transform: np.ndarray, orthographic: bool) -> Aperture:
     dof = data.dof
     distance = dof.focus_distance
     if dof.focus_object is not None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from .changes import uid_of
 from .stop import Stop
 from .units import srgb_to_linear
 
@@ -74,7 +75,7 @@ class Images:
 
     @staticmethod
     def _key(node) -> tuple:
-        return (node.image.as_pointer(), node.image_user.frame_current) if node.image else (0, 0)
+        return (uid_of(node.image), node.image_user.frame_current) if node.image else (0, 0)
 
     def _read(self, node, multiplied: bool = False) -> Pixels | None:
         self._stop.check()

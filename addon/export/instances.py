@@ -7,6 +7,7 @@ is found once, at the first of them; the rest of the pass is one dictionary look
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import chain
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Mesh, Visibility
+from .kept import KeptMeshes
 from .lights import LampKind, export_light, lamp_kind
 from .materials import MaterialTable
 from .meshes import export_mesh
@@ -55,15 +57,24 @@ ITEMS_A_CHECK = 1024  # a few milliseconds
 
 
 class Placement:
-    """Collects the meshes, instances and lamps of one dependency graph."""
+    """Collects the meshes, instances and lamps of one dependency graph.
 
-    def __init__(self, depsgraph, materials: MaterialTable, notes: Notes, stop: Stop) -> None:
+    kept   meshes of an export before
+    shown  whether to draw an evaluated object; None: all
+    """
+
+    def __init__(
+        self, depsgraph, materials: MaterialTable, notes: Notes, stop: Stop, kept: KeptMeshes | None = None,
+        shown: Callable[[object], bool] | None = None,
+    ) -> None:  # fmt: skip
         self.meshes: list[Mesh] = []
         self.lights: list[Lamp] = []
         self._lamp_kinds: list[LampKind] = []
         self._materials = materials
         self._notes = notes
         self._stop = stop
+        self._kept = kept or KeptMeshes()
+        self._shown = shown or (lambda _object: True)
         self._view_layer = depsgraph.view_layer
         self._viewport = depsgraph.mode == "VIEWPORT"
         self._layer_flags = uses_layer_flags(depsgraph.view_layer.layer_collection)
@@ -123,7 +134,7 @@ class Placement:
     def _kind(self, item, object_) -> Kind:
         if item.show_particles and len(object_.particle_systems):
             self._note_hair(object_)
-        if not item.show_self:
+        if not item.show_self or not self._shown(object_):
             return NOTHING
         if object_.type == "LIGHT":
             return self._lamp(item, object_)
@@ -144,7 +155,7 @@ class Placement:
         if subdivides_adaptively(object_):
             what = "adaptive subdivision is not supported, subdivided as often as its modifier says"
             self._notes.warn("object", object_.name, what)
-        mesh = self._mesh(item.instance_object or object_, object_.data)
+        mesh = self._mesh(item.instance_object or object_, object_.data, item.parent if item.is_instance else None)
         if mesh < 0:
             return NOTHING
         first_slot, slot_count = self._slots(object_)
@@ -158,11 +169,11 @@ class Placement:
         self._lamp_kinds.append(lamp)
         return Kind(lamp=len(self._lamp_kinds) - 1)
 
-    def _mesh(self, owner, data) -> int:
+    def _mesh(self, owner, data, parent) -> int:
         """Index of the exported mesh of an evaluated datablock, -1 for one without faces."""
         if data not in self._mesh_index:
             self._stop.check()
-            mesh = self._export_mesh(owner, data)
+            mesh = self._kept.get(data, owner, parent, lambda: self._export_mesh(owner, data))
             if mesh is None:
                 self._notes.skip("object", owner.name, "it has no faces")
             else:

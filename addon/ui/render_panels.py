@@ -19,6 +19,22 @@ class LOBE_RENDER_PT_sampling(_Panel, bpy.types.Panel):
         LOBE_PT_sampling_presets.draw_panel_header(self.layout)
 
     def draw(self, context):
+        pass
+
+
+class LOBE_RENDER_PT_sampling_viewport(_Panel, bpy.types.Panel):
+    bl_label = "Viewport"
+    bl_parent_id = "LOBE_RENDER_PT_sampling"
+
+    def draw(self, context):
+        self.column().prop(context.scene.lobe, "viewport_samples", text="Samples")
+
+
+class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
+    bl_label = "Render"
+    bl_parent_id = "LOBE_RENDER_PT_sampling"
+
+    def draw(self, context):
         lobe = context.scene.lobe
         column = self.column()
         heading = column.column(align=True, heading="Noise Threshold")
@@ -138,6 +154,8 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
 
 CLASSES = (
     LOBE_RENDER_PT_sampling,
+    LOBE_RENDER_PT_sampling_viewport,
+    LOBE_RENDER_PT_sampling_render,
     LOBE_RENDER_PT_sampling_advanced,
     LOBE_RENDER_PT_light_paths,
     LOBE_RENDER_PT_light_paths_max_bounces,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +20,9 @@ from ..kernels.sampler.sobol import build_sobol_table
 from ..kernels.tables import Geometry, Lights
 from ..scene import Scene
 from ..settings import CHOICES, Settings
-from .geometry import pack_geometry
-from .lights import pack_lights
-from .middle import to_the_middle
+from .geometry import PackedGeometry, pack_geometry
+from .lights import PackedLights, pack_lights
+from .middle import Move, move_of
 
 # Kernels count places in a table with 31 bits.
 MOST_NUMBERS = 1 << 31
@@ -32,6 +33,15 @@ COUNTED = {
 # The same from render to render.
 filter_table = lru_cache(4)(build_filter_table)
 sobol_table = cache(build_sobol_table)
+
+
+class Parts(NamedTuple):
+    """What was packed, of which scene, for `engine/pack/again.py`."""
+
+    scene: Scene
+    move: Move
+    geometry: PackedGeometry
+    lights: PackedLights
 
 
 @dataclass
@@ -47,6 +57,7 @@ class Packed:
     filter_table: np.ndarray
     sampler: np.ndarray
     accel: Accel
+    parts: Parts
 
 
 def _check_sizes(geometry: Geometry, lights: Lights) -> None:
@@ -64,31 +75,25 @@ def _check_sizes(geometry: Geometry, lights: Lights) -> None:
 def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Packed:
     """Pack and build. The scene must have passed `Scene.validate`. Raises SceneError where it is too large, and
     accel.BuildStopped once `halt` is set."""
-    scene = to_the_middle(scene)
-    geometry = pack_geometry(scene)
-    lights = pack_lights(scene, geometry)
+    move = move_of(scene)
+    placed = move.scene(scene)
+    geometry = pack_geometry(placed)
+    lights = pack_lights(placed, geometry)
+    return assemble(Parts(scene, move, geometry, lights), settings, halt)
+
+
+def assemble(parts: Parts, settings: Settings, halt: np.ndarray | None = None, accel: Accel | None = None) -> Packed:
+    """The parts' tables side by side. accel: of the same shapes, where it is there already."""
+    geometry, lights, scene = parts.geometry, parts.lights, parts.scene
     _check_sizes(geometry.tables, lights.tables)
-    accel = Accel([*geometry.shapes, *lights.shapes], halt)
+    accel = accel or Accel([*geometry.shapes, *lights.shapes], halt)
     kind = np.concatenate([geometry.tables.kind, lights.shape_kind]).astype(np.int32)
     base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)
-    tables = geometry.tables._replace(accel=np.array([accel.address], np.uint64), kind=kind, base=base)
-    camera = scene.camera
-    assert camera is not None
-    bounces = min(settings.diffuse_bounces, settings.glossy_bounces)
-    lights.features["ray_kinds"] |= int(geometry.features["phong"] and bounces < settings.max_bounces)
-    features = Features(
-        **geometry.features,
-        **lights.features,
-        orthographic=int(camera.orthographic),
-        lens=int(camera.aperture is not None and camera.aperture.radius > 0),
-        transparent_film=int(scene.transparent_film),
-        hemisphere=CHOICES["hemisphere_sampling"].index(settings.hemisphere_sampling),
-        lobe_selection=CHOICES["lobe_selection"].index(settings.lobe_selection),
-        clamp=int(settings.clamp_direct > 0 or settings.clamp_indirect > 0),
-    )
+    assert scene.camera is not None
+    camera = parts.move.camera(scene.camera)
     return Packed(
-        features=features,
-        geometry=tables,
+        features=_features(parts, settings),
+        geometry=geometry.tables._replace(accel=np.array([accel.address], np.uint64), kind=kind, base=base),
         lights=lights.tables,
         environment=lights.environment,
         tree=lights.tree,
@@ -96,4 +101,22 @@ def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Pa
         filter_table=filter_table(settings.pixel_filter, settings.filter_width),
         sampler=sobol_table(),
         accel=accel,
+        parts=parts,
+    )
+
+
+def _features(parts: Parts, settings: Settings) -> Features:
+    geometry, lights, camera = parts.geometry.features, parts.lights.features, parts.scene.camera
+    assert camera is not None
+    bounces = min(settings.diffuse_bounces, settings.glossy_bounces)
+    kinds_end_apart = int(geometry["phong"] and bounces < settings.max_bounces)
+    return Features(
+        **geometry,
+        **{**lights, "ray_kinds": lights["ray_kinds"] | kinds_end_apart},
+        orthographic=int(camera.orthographic),
+        lens=int(camera.aperture is not None and camera.aperture.radius > 0),
+        transparent_film=int(parts.scene.transparent_film),
+        hemisphere=CHOICES["hemisphere_sampling"].index(settings.hemisphere_sampling),
+        lobe_selection=CHOICES["lobe_selection"].index(settings.lobe_selection),
+        clamp=int(settings.clamp_direct > 0 or settings.clamp_indirect > 0),
     )

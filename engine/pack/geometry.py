@@ -8,7 +8,7 @@ Embree instances of a shared mesh. Emissive meshes are always baked, as each of 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -55,7 +55,13 @@ class PackedGeometry:
     baked_count: int  # of triangles in world space; they come first
     visibility: np.ndarray  # (baked_count,) uint8
     shapes: list[TriangleGeometry | InstanceGeometry]
+    used: np.ndarray  # (M,) bool: some triangle has the material
     features: dict[str, int]
+
+    def with_materials(self, materials: np.ndarray) -> PackedGeometry:
+        """The same surfaces with another table of as many materials, of which the same emit."""
+        tables = self.tables._replace(materials=materials)
+        return replace(self, tables=tables, features={**self.features, **_material_features(materials[self.used])})
 
 
 def pack_geometry(scene: Scene) -> PackedGeometry:
@@ -89,19 +95,25 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
     used[out.slots[:baked_count]] = True
     if shared:
         used[instances.material_table] = True
-    seen = materials[used]
     bounced = instances.visibility & SCATTERED
     features = {
         # An object that blocks shadow rays only, or only the others, makes the two ways of finding light disagree.
         "shared_light": int(np.all((bounced == 0) | (bounced == SCATTERED))),
-        "phong": int(np.any(seen[:, KS : KS + 3] > 0)),
         "smooth": int(out.has_normals),
         "instances": int(bool(shared)),
-        "transparency": int(np.any(seen[:, TRANSPARENCY : TRANSPARENCY + 3] > 0)),
+        **_material_features(materials[used]),
     }
     visibility = instances.visibility[[row for _, row in baked]]
     counts = [len(scene.meshes[mesh].triangles) for mesh, _ in baked]
-    return PackedGeometry(tables, baked_count, np.repeat(visibility, counts), shapes.shapes, features)
+    return PackedGeometry(tables, baked_count, np.repeat(visibility, counts), shapes.shapes, used, features)
+
+
+def _material_features(seen: np.ndarray) -> dict[str, int]:
+    """What the materials of a scene's surfaces ask of the kernels. seen (M, 16)."""
+    return {
+        "phong": int(np.any(seen[:, KS : KS + 3] > 0)),
+        "transparency": int(np.any(seen[:, TRANSPARENCY : TRANSPARENCY + 3] > 0)),
+    }
 
 
 def _plan(scene: Scene, materials: np.ndarray) -> tuple[list[tuple[int, int]], dict[int, np.ndarray]]:

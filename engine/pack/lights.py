@@ -18,7 +18,7 @@ from ..features import (
 from ..kernels import tables as t
 from ..kernels.geom.vec import LUMINANCE
 from ..kernels.light.environment import EnvironmentTable, build_environment, environment_irradiance
-from ..scene import BLACK, AreaLight, Lamp, PointLight, Scene, SunLight, Visibility, World
+from ..scene import BLACK, AreaLight, Camera, Lamp, PointLight, Scene, SunLight, Visibility, World
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
 from .geometry import PackedGeometry, fresh
@@ -32,23 +32,32 @@ LARGEST_IMPORTANCE = 1e30
 
 @dataclass
 class PackedLights:
-    """`shapes` are the lamps' Embree geometries, with the kind and the base of each."""
+    """`shapes` are the lamps' Embree geometries, with the kind and the base of each; `reach` is the largest coordinate
+    that they suit, 0 where it doesn't matter."""
 
     tables: t.Lights
     tree: tuple
-    environment: tuple
+    environment: EnvironmentTable
     shapes: list[TriangleGeometry | SphereGeometry]
     shape_kind: list[int]
     shape_base: list[int]
+    reach: float
     features: dict[str, int]
 
 
-def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
-    """Everything that shines. `geometry` is the same scene's."""
+def pack_lights(
+    scene: Scene, geometry: PackedGeometry, environment: EnvironmentTable | None = None, room: float = 1.0
+) -> PackedLights:
+    """Everything that shines. `geometry` is the same scene's.
+
+    environment  of the world's image, where it is there already
+    room         how much farther than the scene the lamps' shapes are to reach
+    """
     lit = [light for light in scene.lights if _shines(light)]
     local: list[Lamp] = [light for light in lit if isinstance(light, PointLight | AreaLight)]
     suns = [light for light in lit if isinstance(light, SunLight)]
-    rows, kinds = _pack_local(scene, local)
+    reach = room * _reach(scene) if any(isinstance(light, AreaLight) for light in local) else 0.0
+    rows, kinds = _pack_local(local, reach)
     emitter_triangle, rectangles, triangle_emitter, of_meshes = mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
     masks = rows[:, t.LAMP_MASK].astype(np.int64)
@@ -56,7 +65,8 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
     emitters = join_emitters(lamp_emitters(local, kinds, rows), of_meshes)
     count = len(emitters.power)
     world_kind = _world_kind(scene.world)
-    environment = build_environment(_world_image(scene.world, world_kind))
+    if environment is None:
+        environment = build_environment(_world_image(scene.world, world_kind))
     groups = int(count > 0) + int(bool(suns)) + int(world_kind == IMAGE_WORLD)
     tables = t.Lights(
         lamps=rows,
@@ -90,19 +100,19 @@ def pack_lights(scene: Scene, geometry: PackedGeometry) -> PackedLights:
         shapes=shapes,
         shape_kind=shape_kind,
         shape_base=shape_base,
+        reach=reach,
         features=features,
     )
 
 
-def _pack_local(scene: Scene, local: list[Lamp]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and kinds of the lamps that stand somewhere."""
+def _pack_local(local: list[Lamp], reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and kinds of the lamps that stand somewhere. reach: see `pack_area`."""
     rows, kinds = np.zeros((len(local), t.LAMP_WORDS), np.float32), np.zeros(len(local), np.int32)
     points = [i for i, light in enumerate(local) if isinstance(light, PointLight)]
     rows[points], kinds[points] = pack_points([light for light in local if isinstance(light, PointLight)])
-    areas = [(i, light) for i, light in enumerate(local) if isinstance(light, AreaLight)]
-    reach = _reach(scene) if areas else 0.0
-    for i, area in areas:
-        kinds[i] = pack_area(rows[i], area, reach)
+    for i, light in enumerate(local):
+        if isinstance(light, AreaLight):
+            kinds[i] = pack_area(rows[i], light, reach)
     rows[:, t.UNSHADOWED] = [not light.cast_shadow for light in local]
     rows[:, t.LAMP_MASK] = [int(light.visibility) & int(RAYS_THAT_SEE) for light in local]
     return rows, kinds
@@ -110,11 +120,14 @@ def _pack_local(scene: Scene, local: list[Lamp]) -> tuple[np.ndarray, np.ndarray
 
 def _reach(scene: Scene) -> float:
     """The largest coordinate of its surfaces and of the camera."""
-    assert scene.camera is not None
     bounds = surface_bounds(scene)
-    return max(
-        float(np.abs(scene.camera.transform[:, 3]).max()), 0.0 if bounds is None else float(np.abs(bounds).max())
-    )
+    assert scene.camera is not None
+    return max(camera_reach(scene.camera), 0.0 if bounds is None else float(np.abs(bounds).max()))
+
+
+def camera_reach(camera: Camera) -> float:
+    """The largest coordinate of the camera."""
+    return float(np.abs(camera.transform[:, 3]).max())
 
 
 def _kinds_differ(scene: Scene) -> bool:

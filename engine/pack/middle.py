@@ -7,7 +7,9 @@ absolute places, and radiance on no length.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,17 +23,46 @@ SMALLEST_SCENE = 1e-2
 MOST_ENLARGED = 2.0**60  # so that what lies metres away, a lamp, keeps to numbers that float32 can square
 
 
+class Move(NamedTuple):
+    """To coordinates that suit float32: by -middle, then scaled by the factor."""
+
+    factor: float = 1.0
+    middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def scene(self, scene: Scene) -> Scene:
+        """`scene` itself where it stays, or the same elsewhere. Meshes and images are shared."""
+        if self == STAY:
+            return scene
+        assert scene.camera is not None
+        return replace(
+            scene,
+            instances=_instances(scene.instances, *self),
+            camera=self.camera(scene.camera),
+            lights=[_lamp(light, *self) for light in scene.lights],
+        )
+
+    def camera(self, camera: Camera) -> Camera:
+        return camera if self == STAY else _camera(camera, *self)
+
+
+STAY = Move()
+
+
 def to_the_middle(scene: Scene) -> Scene:
     """`scene` itself, or the same in coordinates that suit float32. Meshes and images are shared."""
+    return move_of(scene).scene(scene)
+
+
+def move_of(scene: Scene) -> Move:
+    """What brings the scene's surfaces to the middle."""
     bounds = surface_bounds(scene)
     if bounds is None:
-        return scene
+        return STAY
     size, middle = (bounds[1] - bounds[0]).max(), bounds.mean(axis=0)
     factor = 1.0 if size >= SMALLEST_SCENE or size == 0 else min(2.0 ** -np.floor(np.log2(size)), MOST_ENLARGED)
     far = np.abs(middle).max() > FAR_OFF * size
-    if factor == 1.0 and not far:
-        return scene
-    return _placed(scene, factor, middle if far else np.zeros(3))
+    x, y, z = middle if far else np.zeros(3)
+    return Move(float(factor), (float(x), float(y), float(z)))
 
 
 def surface_bounds(scene: Scene) -> np.ndarray | None:
@@ -55,28 +86,18 @@ def surface_bounds(scene: Scene) -> np.ndarray | None:
     return np.array([low, high])
 
 
-def _placed(scene: Scene, factor: float, middle: np.ndarray) -> Scene:
-    """Moved by -middle, then scaled."""
-    out = replace(scene)
-    assert scene.camera is not None
-    out.instances = _instances(scene.instances, factor, middle)
-    out.camera = _camera(scene.camera, factor, middle)
-    out.lights = [_lamp(light, factor, middle) for light in scene.lights]
-    return out
-
-
-def _moved(transforms: np.ndarray, factor: float, middle: np.ndarray) -> np.ndarray:
+def _moved(transforms: np.ndarray, factor: float, middle: Sequence[float]) -> np.ndarray:
     """transforms (..., 3, 4)."""
     out = np.array(transforms, np.float64)
     out[..., 3] -= middle
     return out * factor
 
 
-def _instances(instances: Instances, factor: float, middle: np.ndarray) -> Instances:
+def _instances(instances: Instances, factor: float, middle: Sequence[float]) -> Instances:
     return replace(instances, transforms=_moved(instances.transforms, factor, middle))
 
 
-def _camera(camera: Camera, factor: float, middle: np.ndarray) -> Camera:
+def _camera(camera: Camera, factor: float, middle: Sequence[float]) -> Camera:
     lens, window = camera.aperture, camera.window
     if lens is not None:
         lens = replace(lens, radius=lens.radius * factor, focus_distance=lens.focus_distance * factor)
@@ -93,7 +114,7 @@ def _camera(camera: Camera, factor: float, middle: np.ndarray) -> Camera:
     )
 
 
-def _lamp(lamp: Lamp, factor: float, middle: np.ndarray) -> Lamp:
+def _lamp(lamp: Lamp, factor: float, middle: Sequence[float]) -> Lamp:
     """Radiance and irradiance stay; intensity is radiance times an area."""
     lamp = replace(lamp, transform=_moved(lamp.transform, factor, middle))
     if not isinstance(lamp, PointLight):

@@ -5,19 +5,12 @@ Set LOBE_BLENDER to a command that runs Blender (4.2 or newer); without it these
 
 from __future__ import annotations
 
-import os
-import shlex
-import shutil
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tools.package import build_package, this_platform
-
-BLENDER = shlex.split(os.environ.get("LOBE_BLENDER", "")) or [path for path in [shutil.which("blender")] if path]
+from tests.blender.real_blender import BLENDER, Run, install
 
 # Blender 4.4 and older can't read what bpy 5.0 writes, so the program under test makes the file itself.
 MAKE_FILE = """
@@ -41,26 +34,11 @@ pytestmark = pytest.mark.skipif(not BLENDER, reason="no Blender program: set LOB
 
 
 @pytest.fixture(scope="module")
-def blender(tmp_path_factory) -> Callable[..., str]:
-    """A function that runs Blender, with the packed extension installed into a user folder of its own."""
-    user = tmp_path_factory.mktemp("user")
-    environment = {**os.environ, "BLENDER_USER_RESOURCES": str(user)}
-    environment.pop("LOBE_CACHE_DIR", None)  # as a user has it
-
-    def run(*arguments: str | Path, code: int = 0) -> str:
-        done = subprocess.run([*BLENDER, *map(str, arguments)], env=environment, capture_output=True, text=True)
-        assert done.returncode == code, done.stdout + done.stderr
-        return done.stdout + done.stderr
-
-    said = run("-b", "--factory-startup", "--python-expr", "import sys; print('PYTHON %d.%d' % sys.version_info[:2])")
-    python = next(line.split()[1] for line in said.splitlines() if line.startswith("PYTHON"))
-    wheels = Path(os.environ.get("LOBE_WHEELS", tmp_path_factory.mktemp("wheels")))
-    package = build_package(tmp_path_factory.mktemp("package"), [this_platform()], [python], wheels)
-    assert "Installed" in run("--command", "extension", "install-file", "-r", "user_default", "-e", package)
-    return run
+def blender(tmp_path_factory) -> Run:
+    return install(tmp_path_factory.mktemp)
 
 
-def make_file(blender: Callable[..., str], path: Path, change: str = "") -> None:
+def make_file(blender: Run, path: Path, change: str = "") -> None:
     script = path.with_suffix(".py")
     script.write_text(MAKE_FILE.replace("CHANGE", change).replace("PATH", "__file__.replace('.py', '.blend')"))
     blender("-b", "--python-exit-code", "1", "--python", script)

@@ -15,7 +15,7 @@ import scenes
 from stress import moves
 
 from engine.pack.geometry import CHUNK
-from engine.pack.middle import surface_bounds
+from engine.pack.middle import STAY, surface_bounds
 from engine.scene import Instances, Mesh, PointLight, Scene
 
 ALONG = np.array([0.6, -0.7, 0.39])  # direction of all moves
@@ -67,7 +67,7 @@ def test_moved_and_scaled(name):
 
 def test_a_picture_that_depends_on_the_place_is_caught(monkeypatch):
     """Far off without the move to the origin, and a scaled scene whose lamps kept their watts."""
-    monkeypatch.setattr("engine.pack.to_the_middle", lambda scene: scene)
+    monkeypatch.setattr("engine.pack.move_of", lambda scene: STAY)
     with pytest.raises(AssertionError):
         check(moves.moved(SCENES["lamps"](SIZE), 1e6 * ALONG), unstressed("lamps"))
     scene = moves.scaled(SCENES["lamps"](SIZE), 2.0)

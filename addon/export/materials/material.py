@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import bpy
 import numpy as np
 
 from ....engine import DEFAULT_MATERIAL, Material, SceneError
+from ..changes import uid_of
 from ..images import MISSING, Images
 from ..notes import Notes
 from ..stop import Stop
@@ -33,26 +36,37 @@ BRIGHTEST = float(np.float32(1e30))
 
 
 class MaterialTable:
-    """Materials in the order they were first asked for; index 0 is the default of objects without any."""
+    """Materials in the order they were first asked for; index 0 is the default of objects without any.
 
-    def __init__(self, notes: Notes, images: Images, override=None, stop: Stop | None = None) -> None:
+    uids  `uid_of` each, 0 of the default
+    kept  by their uids, materials that were exported before
+    """
+
+    def __init__(
+        self, notes: Notes, images: Images, override=None, stop: Stop | None = None,
+        kept: Mapping[int, Material] | None = None,
+    ) -> None:  # fmt: skip
         self.materials: list[Material] = [DEFAULT_MATERIAL]
+        self.uids: list[int] = [0]
         self._notes = notes
         self._images = images
         self._override = override  # The view layer's material override, which replaces all others.
         self._stop = stop or Stop()
         self._known: dict[int, int] = {}
+        self._kept = kept or {}
 
     def index(self, material) -> int:
         """Of a bpy material, None for none."""
         material = self._override or material
         if material is None:
             return 0
-        key = material.as_pointer()
-        if key not in self._known:
-            self._known[key] = len(self.materials)
-            self.materials.append(export_material(material, self._notes, self._images, self._stop))
-        return self._known[key]
+        uid = uid_of(material)
+        if uid not in self._known:
+            self._known[uid] = len(self.materials)
+            exported = self._kept.get(uid) or export_material(material, self._notes, self._images, self._stop)
+            self.materials.append(exported)
+            self.uids.append(uid)
+        return self._known[uid]
 
 
 def export_material(material, notes: Notes, images: Images, stop: Stop) -> Material:

@@ -1,0 +1,71 @@
+"""What a dependency graph says has changed, in the terms of an export.
+
+An evaluated datablock has no `session_uid` of its own: it is that of its original which stays the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import bpy
+
+# Objects that nothing in a picture is made of. What they carry or deform is listed by itself.
+UNSEEN = {"CAMERA", "SPEAKER", "LIGHT_PROBE", "ARMATURE", "LATTICE"}
+
+
+def uid_of(datablock) -> int:
+    """Of an original or evaluated datablock, or None: a number that no other has while Blender runs. 0 for None, and
+    for what has no original: the meshes that geometry nodes make."""
+    return 0 if datablock is None else datablock.original.session_uid
+
+
+@dataclass
+class Changes:
+    """What has to be exported again.
+
+    placed     where objects stand, which there are, their materials, what rays see them, and the lamps
+    geometry   `uid_of` objects and of their data whose surfaces were evaluated again
+    materials  `uid_of` these
+    nodes      node groups or images, which any material, lamp and world may use
+    images     the pixels of some image
+    world      the world
+    """
+
+    placed: bool = False
+    geometry: set[int] = field(default_factory=set)
+    materials: set[int] = field(default_factory=set)
+    nodes: bool = False
+    images: bool = False
+    world: bool = False
+
+
+def changes_of(updates) -> Changes:
+    """Of a bpy `Depsgraph.updates`. What isn't known here may change where things are placed."""
+    changes = Changes()
+    for update in updates:
+        _add(changes, update)
+    # A tree that belongs to a material is mostly listed beside it, but alone when an image was put into it.
+    owners = (bpy.types.Material, bpy.types.World, bpy.types.Light)
+    with_owner = {u.id.node_tree.as_pointer() for u in updates if isinstance(u.id, owners) and u.id.node_tree}
+    trees = {u.id.as_pointer() for u in updates if isinstance(u.id, bpy.types.ShaderNodeTree)}
+    changes.nodes |= not trees <= with_owner
+    return changes
+
+
+def _add(changes: Changes, update) -> None:
+    match update.id:
+        case bpy.types.Object() as object_ if object_.type in UNSEEN:
+            pass
+        case bpy.types.Camera() | bpy.types.ShaderNodeTree():
+            pass  # the view is looked at whenever it is drawn, and the trees by `changes_of`
+        case bpy.types.Material() as material:
+            changes.placed = True
+            changes.materials.add(uid_of(material))
+        case bpy.types.World():
+            changes.world = True
+        case bpy.types.Image() | bpy.types.Texture() | bpy.types.MovieClip():
+            changes.nodes = changes.images = True
+        case datablock:
+            changes.placed = True
+            if update.is_updated_geometry:
+                changes.geometry.add(uid_of(datablock))

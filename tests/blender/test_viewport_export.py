@@ -1,0 +1,336 @@
+"""What a viewport exports of each edit: all that makes the scene what a new export would have, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from bl_ext.user_default.lobe.addon.export import LiveExport, export_viewport_settings, instances, live
+from bl_ext.user_default.lobe.addon.export.kept import KeptMeshes
+from bl_ext.user_default.lobe.addon.export.materials import material as materials
+from bl_ext.user_default.lobe.engine import SceneError
+
+from tests.blender.export_checks import add_object
+
+
+class Viewport:
+    """A `LiveExport` that hears of updates as a viewport does, and counts what it exports."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.meshes = self.materials = self.worlds = 0
+        self.export = LiveExport()
+        self.scene = None
+        self.error: Exception | None = None
+        self._patch = monkeypatch
+        self._count(instances, "export_mesh", "meshes")
+        self._count(materials, "export_material", "materials")
+        self._count(live, "export_world", "worlds")
+
+    def _count(self, module, function: str, name: str) -> None:
+        whole = getattr(module, function)
+
+        def counted(*arguments):
+            setattr(self, name, getattr(self, name) + 1)
+            return whole(*arguments)
+
+        self._patch.setattr(module, function, counted)
+
+    def hear(self, _scene, depsgraph) -> None:
+        try:
+            self.scene = self.export.update(depsgraph)
+        except SceneError as error:
+            self.error = error
+
+    def counts(self) -> tuple[int, int, int]:
+        return self.meshes, self.materials, self.worlds
+
+    def after(self, edit: Callable[[], object]):
+        """The scene after an edit, and how many meshes, materials and worlds were exported for it."""
+        before = self.counts()
+        edit()
+        bpy.context.view_layer.update()
+        exported = tuple(np.subtract(self.counts(), before))
+        assert differences(self.scene, LiveExport().update(bpy.context.evaluated_depsgraph_get())) == []
+        return self.scene, exported
+
+
+@pytest.fixture
+def viewport(monkeypatch) -> Iterator[Viewport]:
+    """Of a scene with three cubes, two of which share a mesh, a material each, a lamp, a world and a camera."""
+    scene = bpy.context.scene
+    scene.world = new_with_nodes(bpy.data.worlds, "World")
+    for number in range(2):
+        bpy.ops.mesh.primitive_cube_add(location=(3 * number, 0, 0))
+        bpy.context.object.data.materials.append(new_with_nodes(bpy.data.materials, f"Paint {number}"))
+    add_object("Twin", bpy.data.objects["Cube"].data, (0, 3, 0))
+    add_object("Lamp", bpy.data.lights.new("Lamp", "POINT"), (0, 0, 5)).data.energy = 10
+    scene.camera = add_object("Camera", bpy.data.cameras.new("Camera"), (0, 0, 9))
+    viewport = Viewport(monkeypatch)
+    bpy.app.handlers.depsgraph_update_post.append(viewport.hear)
+    bpy.context.view_layer.update()
+    assert viewport.counts() == (2, 2, 1)
+    assert len(viewport.scene.instances) == 3 and len(viewport.scene.lights) == 1
+    yield viewport
+    bpy.app.handlers.depsgraph_update_post.remove(viewport.hear)
+
+
+def new_with_nodes(collection, name: str):
+    datablock = collection.new(name)
+    if bpy.app.version < (5, 0):
+        datablock.use_nodes = True
+    return datablock
+
+
+def paint(number: int = 0):
+    return bpy.data.materials[f"Paint {number}"].node_tree.nodes["Principled BSDF"].inputs
+
+
+def cube():
+    return bpy.data.objects["Cube"]
+
+
+def differences(a, b, path: str = "scene") -> list[str]:
+    """Where two exports differ. Their order of meshes and materials may be another, so that instances name them."""
+    if is_dataclass(a) and type(a) is type(b):
+        names = [field.name for field in fields(a)]
+        return [d for name in names for d in differences(getattr(a, name), getattr(b, name), f"{path}.{name}")]
+    if isinstance(a, list | tuple) and len(a) == len(b):
+        return [d for i, (x, y) in enumerate(zip(a, b, strict=True)) for d in differences(x, y, f"{path}[{i}]")]
+    return [] if np.array_equal(a, b) else [path]
+
+
+def test_selecting_and_moving_the_camera_change_nothing(viewport):
+    before = viewport.scene
+    camera = bpy.data.objects["Camera"]
+
+    def edits() -> None:
+        cube().select_set(True)
+        camera.location.x += 1
+        camera.data.lens = 20
+
+    scene, exported = viewport.after(edits)
+    assert scene is before and exported == (0, 0, 0)
+
+
+def test_a_moved_object_is_a_new_transform(viewport):
+    before = viewport.scene
+    scene, exported = viewport.after(lambda: cube().location.__setitem__(0, 7.0))
+    assert exported == (0, 0, 0)
+    assert scene.meshes is before.meshes and scene.materials is before.materials and scene.lights is before.lights
+    assert 7.0 in scene.instances.transforms[:, 0, 3]
+
+
+def test_a_material_is_exported_alone(viewport):
+    before = viewport.scene
+    scene, exported = viewport.after(lambda: paint()["Base Color"].__setattr__("default_value", (1, 0, 0, 1)))
+    assert exported == (0, 1, 0)
+    assert scene.instances is before.instances and scene.meshes is before.meshes and scene.world is before.world
+    assert scene.materials is not before.materials
+
+
+def test_a_change_that_makes_no_difference_is_none(viewport):
+    before = viewport.scene
+    scene, exported = viewport.after(lambda: paint()["IOR"].__setattr__("default_value", paint()["IOR"].default_value))
+    assert scene is before and exported[0] == 0
+
+
+def test_lamps(viewport):
+    before = viewport.scene
+    scene, exported = viewport.after(lambda: bpy.data.lights["Lamp"].__setattr__("energy", 50))
+    assert exported == (0, 0, 0) and scene.instances is before.instances and scene.world is before.world
+    assert scene.lights[0].intensity[0] == pytest.approx(5 * before.lights[0].intensity[0])
+    moved, _ = viewport.after(lambda: bpy.data.objects["Lamp"].location.__setitem__(2, 1.0))
+    assert moved.lights[0].transform[2, 3] == 1.0
+
+
+def test_world(viewport):
+    before = viewport.scene
+    background = bpy.data.worlds["World"].node_tree.nodes["Background"].inputs
+    scene, exported = viewport.after(lambda: background["Strength"].__setattr__("default_value", 3.0))
+    assert exported == (0, 0, 1) and scene.instances is before.instances and scene.lights is before.lights
+    assert scene.world.color != before.world.color
+    other = new_with_nodes(bpy.data.worlds, "Other")
+    scene, exported = viewport.after(lambda: setattr(bpy.context.scene, "world", other))
+    assert exported[2] == 1
+    scene, _ = viewport.after(lambda: setattr(bpy.context.scene, "world", None))
+    assert scene.world.color == (0, 0, 0)
+
+
+@pytest.mark.parametrize("how", ["hide_set", "hide_viewport"])
+def test_hidden_and_shown_again(viewport, how):
+    def hide(hidden: bool) -> None:
+        if how == "hide_set":
+            cube().hide_set(hidden)
+        else:
+            cube().hide_viewport = hidden
+
+    scene, exported = viewport.after(lambda: hide(True))
+    assert len(scene.instances) == 2 and exported == (0, 0, 0)
+    scene, _ = viewport.after(lambda: hide(False))
+    assert len(scene.instances) == 3
+
+
+def test_ray_visibility(viewport):
+    scene, exported = viewport.after(lambda: setattr(cube(), "visible_camera", False))
+    assert exported == (0, 0, 0) and scene.instances.visibility.min() < scene.instances.visibility.max()
+
+
+def test_a_changed_mesh_is_exported_alone(viewport):
+    data = bpy.data.objects["Cube.001"].data
+
+    def edit() -> None:
+        data.vertices[0].co.x = 9
+        data.update()
+
+    before = viewport.scene
+    scene, exported = viewport.after(edit)
+    assert exported == (1, 0, 0)
+    assert len({*map(id, before.meshes)} & {*map(id, scene.meshes)}) == 1
+
+
+def test_modifiers_and_edit_mode(viewport):
+    scene, _ = viewport.after(lambda: cube().modifiers.new("Smooth", "SUBSURF"))
+    assert max(len(mesh.triangles) for mesh in scene.meshes) == 48
+    bpy.context.view_layer.objects.active = cube()
+    viewport.after(lambda: bpy.ops.object.mode_set(mode="EDIT"))
+    viewport.after(lambda: bpy.ops.object.mode_set(mode="OBJECT"))
+    scene, _ = viewport.after(lambda: cube().modifiers.clear())
+    assert max(len(mesh.triangles) for mesh in scene.meshes) == 12
+
+
+def test_deleted_and_added_objects(viewport):
+    scene, exported = viewport.after(lambda: bpy.data.objects.remove(bpy.data.objects["Cube.001"]))
+    assert len(scene.instances) == 2 and exported == (0, 0, 0)
+    scene, exported = viewport.after(lambda: bpy.ops.mesh.primitive_plane_add())
+    assert len(scene.instances) == 3 and exported[0] == 1
+    for _ in range(5):  # addresses that were freed are used again
+        viewport.after(lambda: bpy.data.objects.remove(bpy.context.object))
+        viewport.after(lambda: bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=4))
+        viewport.after(lambda: bpy.data.objects.remove(bpy.context.object))
+        viewport.after(lambda: bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=4, radius=3.0))
+
+
+def test_instances_of_geometry_nodes_and_collections(viewport):
+    bpy.ops.mesh.primitive_plane_add()
+    plane = bpy.context.object
+    group = bpy.data.node_groups.new("Cone", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    cone, out = group.nodes.new("GeometryNodeMeshCone"), group.nodes.new("NodeGroupOutput")
+    to_instance = group.nodes.new("GeometryNodeGeometryToInstance")
+    group.links.new(cone.outputs[0], to_instance.inputs[0])
+    group.links.new(to_instance.outputs[0], out.inputs[0])
+    scene, _ = viewport.after(lambda: setattr(plane.modifiers.new("Nodes", "NODES"), "node_group", group))
+    assert len(scene.instances) == 4
+    for count in (5, 6, 5):
+        viewport.after(lambda count=count: setattr(cone.inputs["Vertices"], "default_value", count))
+    collection = bpy.data.collections.new("Things")
+    collection.objects.link(bpy.data.objects["Twin"])
+    empty = add_object("Empty", None, (0, 0, 4))
+    empty.instance_type = "COLLECTION"
+    scene, _ = viewport.after(lambda: setattr(empty, "instance_collection", collection))
+    assert len(scene.instances) == 5
+    scene, exported = viewport.after(lambda: empty.location.__setitem__(0, 1.0))
+    assert exported == (0, 0, 0)
+
+
+def test_node_groups_and_images_reach_all_that_use_them(viewport):
+    tree = bpy.data.materials["Paint 0"].node_tree
+    group = bpy.data.node_groups.new("Group", "ShaderNodeTree")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    diffuse, out = group.nodes.new("ShaderNodeBsdfDiffuse"), group.nodes.new("NodeGroupOutput")
+    group.links.new(diffuse.outputs[0], out.inputs[0])
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    viewport.after(lambda: tree.links.new(node.outputs[0], output.inputs[0]))
+    scene, exported = viewport.after(lambda: setattr(diffuse.inputs[0], "default_value", (0, 1, 0, 1)))
+    assert (0.0, 1.0, 0.0) in [material.kd for material in scene.materials] and exported[0] == 0
+
+    image = bpy.data.images.new("Image", 4, 4)
+    texture = bpy.data.materials["Paint 1"].node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    viewport.after(
+        lambda: bpy.data.materials["Paint 1"].node_tree.links.new(texture.outputs[0], paint(1)["Base Color"])
+    )
+
+    def repaint() -> None:
+        image.pixels.foreach_set(np.tile(np.float32([0, 0, 1, 1]), 16))
+        image.update()
+        image.update_tag()
+
+    scene, exported = viewport.after(repaint)
+    assert exported[0] == 0
+    assert any(material.kd[2] > material.kd[0] for material in scene.materials)
+
+
+def test_material_override_and_another_scene(viewport):
+    scene, _ = viewport.after(
+        lambda: setattr(bpy.context.view_layer, "material_override", new_with_nodes(bpy.data.materials, "Override"))
+    )
+    assert [material.name for material in scene.materials] == ["default grey", "Override"]
+    graph = bpy.context.evaluated_depsgraph_get()
+    bpy.context.window.scene = bpy.data.scenes.new("Empty")
+    assert not len(viewport.export.update(bpy.context.evaluated_depsgraph_get()).instances)
+    assert graph is not None
+
+
+def test_after_an_error_all_is_exported(viewport):
+    inputs = paint()
+    inputs["Emission Color"].default_value = (1, 1, 1, 1)
+    inputs["Emission Strength"].default_value = 1e35
+    bpy.context.view_layer.update()
+    assert "its emission is" in str(viewport.error)
+    viewport.after(lambda: inputs["Emission Strength"].__setattr__("default_value", 0.0))
+
+
+def test_settings_of_a_viewport():
+    """Those that only end a final render sooner leave it alone."""
+    lobe = bpy.context.scene.lobe
+    plain = export_viewport_settings(bpy.context.scene)
+    lobe.samples, lobe.time_limit, lobe.use_adaptive_sampling, lobe.road = 3, 5.0, True, "REFERENCE"
+    assert export_viewport_settings(bpy.context.scene) == plain
+    lobe.viewport_samples, lobe.max_bounces = 7, 2
+    settings = export_viewport_settings(bpy.context.scene)
+    assert (settings.samples, settings.max_bounces) == (7, 2)
+
+
+def test_a_thousand_edits_keep_no_meshes(viewport):
+    kept = viewport.export._meshes
+    for number in range(1000):
+        data = bpy.data.objects["Cube.001"].data
+        data.vertices[0].co.x = 1 + number / 1000
+        data.update()
+        bpy.context.view_layer.update()
+    assert len(kept._meshes) == 2 and not kept._asked
+    assert len(viewport.scene.meshes) == 2
+
+
+def fake_datablock(uid: int, address: int = 0, size: int = 8):
+    """As much of a bpy datablock as `KeptMeshes` looks at."""
+    original = SimpleNamespace(session_uid=uid)
+    return SimpleNamespace(
+        original=original, as_pointer=lambda: address, vertices=range(size), loops=range(size), polygons=range(size)
+    )
+
+
+def test_what_was_evaluated_again_is_not_taken_over_whatever_its_address():
+    kept, exports = KeptMeshes(), iter("abcdefgh")
+
+    def export(data, owner, *changed: int) -> str:
+        kept.forget(set(changed))
+        mesh = kept.get(data, owner, None, lambda: next(exports))
+        kept.finish()
+        return mesh
+
+    cube, twin, mesh = fake_datablock(1), fake_datablock(2), fake_datablock(3, address=64)
+    assert export(mesh, cube) == export(mesh, cube) == export(mesh, twin) == export(mesh, cube, 99) == "a"
+    assert export(mesh, cube, 3) == "b"  # its mesh has changed
+    assert export(mesh, cube, 1) == "c"  # its modifiers
+    assert export(mesh, twin, 2) == "d"  # another object, evaluated into the memory that the first one left
+    assert export(fake_datablock(3, address=64, size=9), twin) == "e"
+    assert export(mesh, twin) == "f"  # what nobody asked for was dropped
+    assert export(mesh, cube, 2) == "g"  # the object that it was exported of has changed, not the one that asks
