@@ -14,7 +14,7 @@ import bpy
 
 from .export.notes import ERROR, KINDS, SKIPPED, WARNING, Group, Note, grouped
 
-HONOURED = "Everything in this scene is honoured"
+HONOURED = "Lobe draws everything in this scene as asked"
 HEADINGS = {
     ERROR: "Cannot be rendered",
     WARNING: "Not drawn as asked",

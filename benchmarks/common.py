@@ -77,7 +77,10 @@ def update_table(
     path = folder / f"{name}.csv"
     keys, fields = list(keys), list(rows[0])
     rows = [{k: str(v) for k, v in row.items()} for row in rows]
-    old = [row for row in read_table(name, folder) if set(row) == set(fields)]
+    kept = read_table(name, folder)
+    old = [row for row in kept if set(row) == set(fields)]
+    if len(old) < len(kept):
+        print(f"{name}: its columns have changed, {len(kept) - len(old)} old rows are dropped", file=sys.stderr)
     if summary is not None:
         old = old[:-1]
     fresh = {tuple(row[k] for k in keys) for row in rows}

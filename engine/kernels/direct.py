@@ -101,11 +101,11 @@ def _transmittance(f, geometry, memory, start, direction, t_far):
     for i in range(MAX_TRANSPARENT):
         if not intersect(accel, ray, words, start, direction, ZERO, t_far, SHADOW_RAY):
             return through, i + 1
-        p, _, ng, material, _ = find_surface(f, geometry, hit_of(f, geometry, ray, words), negate(direction))
+        _, _, ng, material, _, inside = find_surface(f, geometry, hit_of(f, geometry, ray, words), negate(direction))
         through = mul(through, material_color(geometry, material, TRANSPARENCY))
         if is_black(through):
             return through, i + 1
-        start = offset_origin(p, negate(ng))
+        start = offset_origin(inside, negate(ng))
         if t_far < FAR:
             direction = sub(end, start)
     return BLACK, MAX_TRANSPARENT

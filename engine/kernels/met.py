@@ -105,7 +105,7 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
         if not met:
             break
         hit = hit_of(f, geometry, memory.floats, memory.words)
-        p, _, ng, material, triangle = find_surface(f, geometry, hit, negate(ray.wi))
+        p, _, ng, material, triangle, inside = find_surface(f, geometry, hit, negate(ray.wi))
         found, _ = emitted(f, tables, ray, p, material, triangle)
         light = gather(f, light, found)
         if not f.transparency:
@@ -113,7 +113,7 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
         light = dimmed(light, material_color(geometry, material, TRANSPARENCY))
         if is_black(light.throughput):
             break
-        stretch = Stretch(offset_origin(p, negate(ng)), ZERO, FAR)
+        stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, FAR)
     return Light(light.radiance, throughput, light.limit), rays
 
 

@@ -62,7 +62,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
         surface = find_surface(
             f, tables.geometry, hit_of(f, tables.geometry, memory.floats, memory.words), negate(ray.wi)
         )
-        p, _, ng, material, triangle = surface
+        p, _, ng, material, triangle, inside = surface
         found, own = emitted(f, tables, ray, p, material, triangle)
         if not is_black(found):
             light = gather(f, light, found)
@@ -74,7 +74,7 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
                 passed += 1
                 if passed > MAX_TRANSPARENT:
                     break
-                stretch = Stretch(offset_origin(p, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
+                stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
                 continue
         if last or not reflects(tables.geometry, material):
             break

@@ -61,7 +61,7 @@ def reflects(geometry, material):
 @device
 def make_vertex(f, geometry, surface, ray, own):
     """The `Vertex` at what `find_surface` has found, on the emitter `own`, if it is not -1."""
-    p, n, ng, material, _ = surface
+    p, n, ng, material, _, inside = surface
     wo = negate(ray.wi)
     kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
     exponent = at(geometry.materials, material, EXPONENT) if f.phong else ZERO
@@ -70,7 +70,7 @@ def make_vertex(f, geometry, surface, ray, own):
     chance = ZERO
     if f.phong:
         chance = select(cos_o > ZERO, phong_probability(f.lobe_selection, kd, ks, exponent, cos_o), ZERO)
-    return Vertex(p, n, ng, offset_origin(p, ng), wo, (kd, ks, exponent, chance), own)
+    return Vertex(p, n, ng, offset_origin(inside, ng), wo, (kd, ks, exponent, chance), own)
 
 
 @device

@@ -621,8 +621,8 @@ def test_the_command_line_says_the_same(scene, part) -> None:
 
 
 def test_the_command_line_of_a_scene_that_is_honoured(scene) -> None:
-    assert blender_render.check(scene) == ["Everything in this scene is honoured"]
+    assert blender_render.check(scene) == ["Lobe draws everything in this scene as asked"]
     lamp().specular_factor = 0.0
     lines = blender_render.check(scene)
-    assert lines[:2] == ["Everything in this scene is honoured", "Left out, which changes nothing:"]
+    assert lines[:2] == ["Lobe draws everything in this scene as asked", "Left out, which changes nothing:"]
     assert len(lines) == 3

@@ -38,6 +38,7 @@ class Outcome:
             "change": change,
             "difference": "" if found is None else f"{np.abs(found.mean).max():.1e}",
             "half width": "" if found is None else f"{found.half_width.max():.1e}",
+            "slack": "" if found is None else f"{CHANGES[change].slack:.1e}",
             "rejected": self.rejected,
             "verdict": f"FAIL: {self.fault}" if self.fault else passed,
         }

@@ -49,7 +49,7 @@ def test_check(repository, tmp_path):
     before = {path.name for path in tmp_path.iterdir()}
     scene = "sample_blends/cornell_diffuse.blend"
     done = command(repository, scene, "--check")
-    assert (done.returncode, done.stdout) == (0, "Everything in this scene is honoured\n")
+    assert (done.returncode, done.stdout) == (0, "Lobe draws everything in this scene as asked\n")
     done = command(repository, scene, "--check", "--set", "scene.render.use_motion_blur=1")
     assert done.returncode == 0
     assert done.stdout == "Not drawn as asked:\n      -  scene       motion blur is not supported and left out\n"

@@ -5,8 +5,8 @@ wherever the ray came from. Rays that leave start from `offset_origin`, off the 
 Waechter & Binder do in "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems 2019, ch. 6), but
 for the triangle at hand (Pharr et al., Physically Based Rendering, 4th ed., 6.8.6). A bound that knows only the point
 is too short on large triangles that pass near the world's origin, and so long far from it, or in scenes of a few
-micrometres, that rays start behind the next wall. A point nearer to an edge than rounding can tell is moved off it
-first, or rays would slip out between two walls.
+micrometres, that rays start behind the next wall. From a point nearer to an edge than rounding can tell they
+start off that edge, too, or they would slip out between two walls.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _TILT = np.float32(4 * 2**-24)
 # Of the square root of a triangle's area: for the sake of its neighbours, reached at an aspect ratio of some 2,000;
 # for its own, reached where all sides are 1e5 times as long as the triangle is high.
 _LONGEST_FOR_NEIGHBOURS, _LONGEST_FOR_OWN = np.float32(1 / 128), np.float32(1)
-# How far points are kept from each edge of their triangle, as a part of its coordinates, and at most as a part of its
-# height over that edge; and how far they are moved for it at most, in these distances: in the corners of slivers more
+# How far rays start from each edge of their triangle, as a part of its coordinates, and at most as a part of its height
+# over that edge; and how far their starts are moved for it at most, in these distances: in the corners of slivers more
 # would show.
 _OFF_THE_EDGES, _FARTHEST_OFF, _LARGEST_MOVE = np.float32(16 * 2**-24), np.float32(1 / 256), np.float32(4)
 
@@ -64,9 +64,10 @@ def hit_of(f, geometry, ray, words):
 
 @device
 def find_surface(f, geometry, hit, wo):
-    """A `Hit` as (p, n, ng, material, triangle), n and ng on wo's side as the mesh has them to each other.
+    """A `Hit` as (p, n, ng, material, triangle, inside), n and ng on wo's side as the mesh has them to each other.
 
-    n is a unit vector; ng is as long as the step that takes rays off the surface, see `offset_origin`.
+    n is a unit vector; ng is as long as the step that takes rays off the surface, see `offset_origin`. inside: p, or
+    where it lies on an edge of its triangle a point beside it, a few roundings away; rays start over that.
     """
     triangle, u, v = hit.triangle, hit.u, hit.v
     a, b, c = triangle_vertices(geometry, triangle)
@@ -84,10 +85,10 @@ def find_surface(f, geometry, hit, wo):
             slot = select(placed, at(geometry.slot_offset, row) + slot, np.int32(0))
             material = select(placed, at(geometry.slots, slot), material)
     ng, area = _unit_and_length(ng)
-    u, v = _off_the_edges(u, v, extent, sizes[0], area)
-    p = _interpolate(a, b, c, u, v)
+    p, inside = _interpolate(a, b, c, u, v), _interpolate(a, b, c, *_off_the_edges(u, v, extent, sizes[0], area))
     if f.instances and any_of(placed):
         p = select(placed, _to_world_point(m, row, p), p)
+        inside = select(placed, _to_world_point(m, row, inside), inside)
     behind = dot(ng, wo) < ZERO
     ng, n = select(behind, negate(ng), ng), select(behind, negate(n), n)
     if f.smooth:
@@ -95,7 +96,7 @@ def find_surface(f, geometry, hit, wo):
         n = select(dot(n, n) == ZERO, ng, n)  # a mesh may have normals of length zero, which say nothing
     else:
         n = ng
-    return p, n, scale(ng, _step(p, ng, extent, sizes, area)), material, triangle
+    return p, n, scale(ng, _step(p, ng, extent, sizes, area)), material, triangle, inside
 
 
 @device
@@ -113,9 +114,10 @@ def _shading_normal(geometry, triangle, u, v, ng):
 
 
 @device
-def offset_origin(p, step):
-    """Where rays that leave p start, so that they don't meet p's own triangle. step: the `ng` of `find_surface`."""
-    return add(p, step)
+def offset_origin(inside, step):
+    """Where rays that leave a point start, so that they don't meet its own triangle, nor slip past its neighbours.
+    inside, step: the last and the `ng` of `find_surface`."""
+    return add(inside, step)
 
 
 @device
@@ -172,7 +174,7 @@ def _to_world_sizes(m, row, e, sizes):
 
 @device
 def _off_the_edges(u, v, extent, sides, area):
-    """Barycentrics of a point that is moved off the edges that it lies on. sides: see `_sizes`; area: twice the
+    """Barycentrics of a point, moved off the edges that it lies on. sides: see `_sizes`; area: twice the
     triangle's, over a side the height over it."""
     off = _OFF_THE_EDGES * _reach(extent)
     ca, ab, bc = sides
