@@ -57,7 +57,7 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     viewport_samples: IntProperty(
         name="Viewport Samples",
-        description="Paths traced for each pixel of a 3D viewport in Rendered mode. Then it rests",
+        description="Paths traced for each pixel of a 3D viewport in Rendered mode. Then it rests and takes no time",
         soft_max=4096,
         **{**_limits("samples"), "default": VIEWPORT_SAMPLES},
     )
