@@ -2,8 +2,8 @@
 
 A trial is an edit of a copy of the engine, or another setting. Both copies render the sample scenes in turn, each in a
 process of its own, from the same seeds. What counts is relMSE times the seconds of the render phase: above 1, the
-engine is better as it is. Writes trials.csv and trials.md to benchmarks/results/; benchmarks/README.md says what was
-kept.
+engine is better as it is. Writes trials.csv and trials.md to benchmarks/results/, and the list of what was tried into
+benchmarks/README.md.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from common import br
 from scipy import stats
 from tqdm import tqdm
 
+from benchmarks.convergence.tables import quote
 from engine import Scene
 from tools import metrics
 from tools.exported import exported
@@ -34,14 +35,20 @@ from tools.render import resolution, whole_number
 
 KERNELS = "engine/kernels/"
 REFERENCE_SEED = 10_001
+MARKS = "<!-- the list of trials.py -->\n", "<!-- its end -->\n"
 WORKER = Path(__file__).resolve().parent / "trial_worker.py"
 
 
 @dataclass(frozen=True)
 class Trial:
-    """edits: (file, text, other text); every occurrence is replaced, and there has to be one."""
+    """name: what stands in the technique's place.  edits: (file, text, other text); every occurrence is replaced, and
+    there has to be one.  tried: the technique.  kept: the engine has it, and the trial is without it; otherwise the
+    other way round.  price: what it takes, other than seconds."""
 
     name: str
+    tried: str
+    kept: bool
+    price: str
     edits: Sequence[tuple[str, str, str]] = ()
     settings: dict = field(default_factory=dict)
 
@@ -49,6 +56,9 @@ class Trial:
 TRIALS = (
     Trial(
         "independent random numbers",
+        "tabulated Owen-scrambled Sobol points",
+        True,
+        "a table of 2 MB, for all scenes",
         [
             (
                 KERNELS + "sampler/sobol.py",
@@ -57,21 +67,46 @@ TRIALS = (
             )
         ],
     ),
-    Trial("uniform directions for diffuse", settings={"hemisphere_sampling": "UNIFORM"}),
-    Trial("lobes chosen by kd and ks", settings={"lobe_selection": "CLASSIC"}),
     Trial(
-        "no roulette", [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(1e30)")]
+        "uniform directions for diffuse",
+        "directions by their cosine",
+        True,
+        "none",
+        settings={"hemisphere_sampling": "UNIFORM"},
+    ),
+    Trial(
+        "lobes chosen by kd and ks",
+        "lobes chosen by their albedos at this angle",
+        True,
+        "a table of the lobe's albedo",
+        settings={"lobe_selection": "CLASSIC"},
+    ),
+    Trial(
+        "no roulette",
+        "Russian roulette by throughput",
+        True,
+        "a random number for each vertex",
+        [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(1e30)")],
     ),
     Trial(
         "roulette of Cycles",
+        "roulette a quarter milder than Cycles'",
+        True,
+        "5 % more rays on the Cornell box",
         [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(1)")],
     ),
     Trial(
         "roulette twice as mild",
+        "roulette milder still",
+        False,
+        "more rays",
         [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(5)")],
     ),
     Trial(
         "light sampling without MIS",
+        "multiple importance sampling, power heuristic",
+        True,
+        "densities of what rays meet by chance",
         [
             (KERNELS + "mis.py", "select(light.alone, ONE, power_heuristic(light.pdf, pdf_bsdf))", "ONE"),
             (KERNELS + "mis.py", "power_heuristic(ray.pdf, pdf_light) if shares else ZERO", "ZERO if shares else ZERO"),
@@ -79,10 +114,16 @@ TRIALS = (
     ),
     Trial(
         "balance heuristic",
+        "the balance heuristic",
+        False,
+        "none",
         [(KERNELS + "mis.py", "ONE / (ONE + ratio * ratio)", "ONE / (ONE + ratio)")],
     ),
     Trial(
         "lights chosen by power",
+        "light tree with bounds of distance, cosines and cones",
+        True,
+        "64 bytes an emitter",
         [
             (
                 KERNELS + "light/tree.py",
@@ -93,22 +134,44 @@ TRIALS = (
     ),
     Trial(
         "groups of lights by even shares",
+        "lamps, suns and world chosen by what each sends",
+        True,
+        "two nodes of the tree for each vertex",
         [(KERNELS + "light/groups.py", "LEAST_SHARE = np.float32(1 / 3)", "LEAST_SHARE = np.float32(1)")],
     ),
     Trial(
         "emitters sampled by area",
+        "solid-angle sampling of triangles, rectangles and spheres",
+        True,
+        "code",
         [(KERNELS + "light/spherical.py", "FAR_RATIO = np.float32(2)", "FAR_RATIO = np.float32(0)")],
     ),
-    Trial("adaptive sampling", settings={"use_adaptive_sampling": True, "adaptive_threshold": 0.1}),
+    Trial(
+        "adaptive sampling",
+        "adaptive sampling that stops good pixels",
+        False,
+        "a second sum for each pixel; it is an option",
+        settings={"use_adaptive_sampling": True, "adaptive_threshold": 0.1},
+    ),
     Trial(
         "path by path",
+        "stages: batches of paths, rays and shadow rays deferred, sixteen in a register",
+        True,
+        "half a megabyte a thread, code",
         [(KERNELS + "staged.py", "return f.shared_light and not", "return False and f.shared_light and not")],
     ),
     Trial(
-        "single rays", [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return False")]
+        "single rays",
+        "packets for rays",
+        True,
+        "code",
+        [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return False")],
     ),
     Trial(
         "packets for the camera's rays alone",
+        "packets for rays after the first vertex, where nothing is instanced",
+        True,
+        "none",
         [
             (
                 KERNELS + "rays.py",
@@ -119,23 +182,67 @@ TRIALS = (
     ),
     Trial(
         "packets for all rays",
+        "packets through instances too",
+        False,
+        "none",
         [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return not AS_WRITTEN")],
     ),
     Trial(
         "packets that aren't said to be alike",
+        "telling Embree that the first rays are alike",
+        True,
+        "where surfaces coincide, hits depend on the packet",
         [(KERNELS + "embree.py", "_ALIKE = np.uint32(1 << 16)", "_ALIKE = np.uint32(0)")],
     ),
-    Trial("a batch of 256 paths", [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 256")]),
-    Trial("a batch of 4,096 paths", [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 4096")]),
-    Trial("eight numbers in a register", [(KERNELS + "simd/types.py", "WIDTH = 16 ", "WIDTH = 8 ")]),
     Trial(
-        "arithmetic as written", [(KERNELS + "jit.py", "set() if AS_WRITTEN else {", "set() if not AS_WRITTEN else {")]
+        "a batch of 256 paths",
+        "batches of 1,024 paths, not 256",
+        True,
+        "memory",
+        [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 256")],
     ),
-    Trial("not watertight", [("engine/accel.py", "_SCENE_FLAG_ROBUST = 4", "_SCENE_FLAG_ROBUST = 0")]),
     Trial(
-        "leaves that hold numbers of vertices", [("engine/accel.py", "_MOST_IN_FULL = 1 << 20", "_MOST_IN_FULL = 0")]
+        "a batch of 4,096 paths",
+        "batches of 4,096 paths",
+        False,
+        "memory",
+        [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 4096")],
     ),
-    Trial("huge pages for Embree", [("engine/accel.py", "rtcNewDevice(None)", 'rtcNewDevice(b"hugepages=1")')]),
+    Trial(
+        "eight numbers in a register",
+        "sixteen numbers in a register, not eight",
+        True,
+        "none where registers are as wide",
+        [(KERNELS + "simd/types.py", "WIDTH = 16 ", "WIDTH = 8 ")],
+    ),
+    Trial(
+        "arithmetic as written",
+        "arithmetic that may be reordered",
+        True,
+        "other bits than the scalar kernel",
+        [(KERNELS + "jit.py", "set() if AS_WRITTEN else {", "set() if not AS_WRITTEN else {")],
+    ),
+    Trial(
+        "not watertight",
+        "rays that may slip through edges",
+        False,
+        "leaks",
+        [("engine/accel.py", "_SCENE_FLAG_ROBUST = 4", "_SCENE_FLAG_ROBUST = 0")],
+    ),
+    Trial(
+        "leaves that hold numbers of vertices",
+        "Embree's full leaves, up to a million triangles",
+        True,
+        "memory and build time",
+        [("engine/accel.py", "_MOST_IN_FULL = 1 << 20", "_MOST_IN_FULL = 0")],
+    ),
+    Trial(
+        "huge pages for Embree",
+        "huge pages for Embree",
+        False,
+        "none",
+        [("engine/accel.py", "rtcNewDevice(None)", 'rtcNewDevice(b"hugepages=1")')],
+    ),
 )
 
 
@@ -266,7 +373,26 @@ def run(options: argparse.Namespace, say) -> None:
         for trial in tqdm(trials, file=sys.stderr):
             rows.append(measure(trial, scenes, references, usual, options))
             table = common.update_table("trials", ("instead",), rows, note=NOTE)
+    quote(common.ROOT / "benchmarks" / "README.md", list_of_tried(common.read_table("trials", common.RESULTS)), MARKS)
     say(table)
+
+
+def list_of_tried(rows: list[dict[str, str]]) -> str:
+    """What benchmarks/README.md says: of each technique, relMSE x seconds without it over that with it."""
+    measured = {row["instead"]: float(row["geometric mean"]) for row in rows}
+    table = []
+    for trial in TRIALS:
+        if trial.name in measured:
+            gain = measured[trial.name] if trial.kept else 1 / measured[trial.name]
+            table.append(
+                {
+                    "tried": trial.tried,
+                    "gain": f"{gain:.2f}",
+                    "price": trial.price,
+                    "kept": "yes" if trial.kept else "no",
+                }
+            )
+    return common.markdown(table) if table else ""
 
 
 NOTE = """\

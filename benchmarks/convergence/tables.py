@@ -166,9 +166,9 @@ def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
 QUOTED = "<!-- the table of make bench -->\n", "<!-- its end -->\n"
 
 
-def quote(page: Path, table: str) -> None:
+def quote(page: Path, table: str, marks: tuple[str, str] = QUOTED) -> None:
     """Put the table between the two lines that mark its place in a page of Markdown."""
     text = page.read_text(encoding="utf-8")
-    before, rest = text.split(QUOTED[0])
-    after = rest.split(QUOTED[1])[1]
-    page.write_text(f"{before}{QUOTED[0]}{table}{QUOTED[1]}{after}", encoding="utf-8")
+    before, rest = text.split(marks[0])
+    _, after = rest.split(marks[1], 1)
+    page.write_text(f"{before}{marks[0]}{table}{marks[1]}{after}", encoding="utf-8")

@@ -12,7 +12,8 @@ import numpy as np
 from .embree import is_finite
 from .geom.vec import BLACK, ONE, ZERO, add, average, mul, scale
 from .jit import device
-from .simd import at, select
+from .simd import select, to_index, words_at
+from .tables import MATERIAL_WORDS
 
 WHITE = (ONE, ONE, ONE)
 # Rays pass at most this many transparent surfaces in a row.
@@ -170,5 +171,6 @@ def dimmed(light, factor):
 
 @device
 def material_color(geometry, material, word):
-    m = geometry.materials
-    return at(m, material, word), at(m, material, word + 1), at(m, material, word + 2)
+    first = to_index(material) * np.uint32(MATERIAL_WORDS) + np.uint32(word)
+    red, green, blue, _ = words_at(geometry.materials, first, 4)
+    return red, green, blue

@@ -41,7 +41,7 @@ MAX_EXPONENT = 1e8
 # than this, metres, is stored at a size of about 1, and its placements make up for it.
 ORDINARY_SIZES = 1e-3, 1e3
 
-VERTEX_PADDING = 2  # rows that no triangle uses: Embree reads 16 bytes at the last vertex
+VERTEX_PADDING = 2  # rows that no triangle uses: Embree and the kernels read 16 bytes at the last vertex
 CHUNK = 1 << 13
 INVALID = np.uint32(0xFFFFFFFF)
 SCATTERED = int(Visibility.DIFFUSE | Visibility.GLOSSY | Visibility.SHADOW)
@@ -137,6 +137,11 @@ def _plan(scene: Scene, materials: np.ndarray) -> tuple[list[tuple[int, int]], d
     return baked, shared
 
 
+def _corners(triangles: int) -> np.ndarray:
+    """(triangles, 3) uint32, empty, with memory behind it: the kernels read 16 bytes at the last triangle."""
+    return np.empty((triangles + 1, 3), np.uint32)[:triangles]
+
+
 class _Triangles:
     """The arrays of all triangles, allocated once and filled mesh by mesh."""
 
@@ -146,15 +151,15 @@ class _Triangles:
         self.has_normals = normals > 0
         self.vertices = np.empty((vertices + VERTEX_PADDING, 3), np.float32)
         self.vertices[vertices:] = 0
-        self.triangles = np.empty((triangles, 3), np.uint32)
+        self.triangles = _corners(triangles)
         self.slots = np.empty(triangles, np.int32)
-        self.normals = np.empty((normals, 3), np.float32)
+        self.normals = np.empty((normals + VERTEX_PADDING, 3), np.float32)
         # Where every vertex of every mesh has its normal, the two are numbered alike.
         self._alike = all(m.normals is not None and m.normal_indices is None for m in meshes)
         self._alike &= normals == vertices
         self.normal_triangles = self.triangles
         if not self._alike:
-            self.normal_triangles = np.empty((triangles if normals else 0, 3), np.uint32)
+            self.normal_triangles = _corners(triangles if normals else 0)
         self._vertex_count = self.triangle_count = self._normal_count = 0
 
     def add(self, mesh: Mesh, matrix: np.ndarray, slots: np.ndarray | int) -> TriangleGeometry:

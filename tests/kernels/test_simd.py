@@ -31,13 +31,13 @@ from engine.kernels.simd import (
     load_parts,
     no,
     put_at,
-    row_at,
     select,
     spread,
     store,
     store_parts,
     to_index,
     uint32,
+    words_at,
 )
 
 N = 4 * WIDTH
@@ -178,13 +178,14 @@ def test_tuples_in_tuples_are_chosen_lane_by_lane(numbers) -> None:
 
 @kernel
 def memory(table, rows, columns, out, sums, places):
-    """out: looked up places; whole rows, added up; what is below 0 side by side. Returns how many are."""
+    """out: looked up places; whole rows and parts of them, added up; what is below 0 side by side. Returns how many are."""
     kept = 0
     for i in range(0, N, WIDTH):
         row, column = to_index(load(rows, 0, i)), to_index(load(columns, 0, i))
-        found, words = at(table, row, column), row_at(table, row)
+        found, words = at(table, row, column), words_at(table, row * np.uint32(WIDTH), 16)
+        few = words_at(table, row * np.uint32(WIDTH) + np.uint32(3), 8)
         store(out, 0, i, found)
-        store(out, 1, i, words[0] + words[7] + words[15])
+        store(out, 1, i, words[0] + words[7] + words[15] - few[0] - few[7])
         store(out, 2, kept, compress(found, found < ZERO))
         kept += count(found < ZERO)
         add_at(sums, 0, to_index(load(places, 0, i)), found, found < ZERO)
@@ -204,7 +205,7 @@ def test_lanes_look_up_and_write_places_of_their_own() -> None:
     found = table[rows[0], columns[0]]
     below = found < 0
     assert np.array_equal(out[0, :N], found)
-    assert np.allclose(out[1, :N], table[rows[0]][:, [0, 7, 15]].sum(axis=1), atol=1e-6)
+    assert np.allclose(out[1, :N], table[rows[0]][:, [0, 7, 15, 3, 10]] @ [1, 1, 1, -1, -1], atol=1e-6)
     assert kept == below.sum() and np.array_equal(out[2, :kept], found[below])
     added, put = np.ones(N, np.float32), np.ones(N, np.float32)
     added[places[0, below]] += found[below]

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..embree import GEOM_ID, INST_ID, INST_PRIM_ID, INVALID, PRIM_ID, U, V
 from ..jit import device
-from ..light.emitters import triangle_vertices
-from ..simd import any_of, at, select, to_index
+from ..light.emitters import row_of_3, triangle_vertices
+from ..simd import any_of, at, select, to_index, words_at
 from ..tables import INSTANCED_MESH
 from .vec import ONE, SMALL, TINY, ZERO, add, cross, direction_and_length, dot, negate, scale, sub
 
@@ -102,14 +102,13 @@ def find_surface(f, geometry, hit, wo):
 @device
 def _shading_normal(geometry, triangle, u, v, ng):
     """The interpolated normal, of any length, of a triangle that has one, else ng."""
-    corners = geometry.normal_triangles
-    i, j, k = at(corners, triangle, 0), at(corners, triangle, 1), at(corners, triangle, 2)
+    i, j, k, _ = words_at(geometry.normal_triangles, triangle * np.uint32(3), 4)
     has_normals = i != INVALID
     if not any_of(has_normals):
         return ng
-    na = _normal(geometry, to_index(select(has_normals, i, np.uint32(0))))
-    nb = _normal(geometry, to_index(select(has_normals, j, np.uint32(0))))
-    nc = _normal(geometry, to_index(select(has_normals, k, np.uint32(0))))
+    na = row_of_3(geometry.normals, select(has_normals, i, np.uint32(0)))
+    nb = row_of_3(geometry.normals, select(has_normals, j, np.uint32(0)))
+    nc = row_of_3(geometry.normals, select(has_normals, k, np.uint32(0)))
     return select(has_normals, _interpolate(na, nb, nc, u, v), ng)
 
 
@@ -218,11 +217,6 @@ def _interpolate(a, b, c, u, v):
         w * a[1] + u * b[1] + v * c[1],
         w * a[2] + u * b[2] + v * c[2],
     )
-
-
-@device
-def _normal(geometry, i):
-    return at(geometry.normals, i, 0), at(geometry.normals, i, 1), at(geometry.normals, i, 2)
 
 
 @device

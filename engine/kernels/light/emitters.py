@@ -25,7 +25,8 @@ from ...features import (
 )
 from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, UP, ZERO, cross, mul, sub
 from ..jit import device
-from ..simd import any_of, at, int32, no, select, to_index, uint32
+from ..records import material_color
+from ..simd import any_of, at, int32, no, select, to_index, uint32, words_at
 from ..tables import EMISSION, LAMP_MASK, SHADOW_RAY, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED, WORLD_COLOR, WORLD_MASK
 from .area import before_shape, ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
 from .environment import environment_lookup, sample_environment
@@ -314,21 +315,18 @@ def rectangle(lights, i):
 
 
 @device
-def vertex(geometry, i):
-    return at(geometry.vertices, i, 0), at(geometry.vertices, i, 1), at(geometry.vertices, i, 2)
+def triangle_vertices(geometry, triangle):
+    i, j, k, _ = words_at(geometry.triangles, triangle * np.uint32(3), 4)
+    return row_of_3(geometry.vertices, i), row_of_3(geometry.vertices, j), row_of_3(geometry.vertices, k)
 
 
 @device
-def triangle_vertices(geometry, triangle):
-    corners = geometry.triangles
-    return (
-        vertex(geometry, at(corners, triangle, 0)),
-        vertex(geometry, at(corners, triangle, 1)),
-        vertex(geometry, at(corners, triangle, 2)),
-    )
+def row_of_3(array, i):
+    """Row i of an array of rows of three numbers, which has memory for a fourth behind its last."""
+    x, y, z, _ = words_at(array, i * np.uint32(3), 4)
+    return x, y, z
 
 
 @device
 def emission(geometry, material):
-    m = geometry.materials
-    return at(m, material, EMISSION), at(m, material, EMISSION + 1), at(m, material, EMISSION + 2)
+    return material_color(geometry, material, EMISSION)

@@ -38,7 +38,7 @@ from ..geom.vec import (
     ZERO,
 )
 from ..jit import device
-from ..simd import any_of, at, float32, floor, int32, select
+from ..simd import any_of, at, float32, floor, int32, select, words_at
 from .spherical import atan2_upper
 
 DARKEST = 1e-36  # mean radiance
@@ -174,6 +174,11 @@ def _corners(table, row, column):
     """The texels about a cell: lower left, lower right, upper left, upper right."""
     height, width = table.image.shape[0], table.image.shape[1]
     low, high = max(int32(row - np.int32(1)), np.int32(0)), min(row, np.int32(height - 1))
+    # Of two texels side by side that the image goes on behind, all is one load.
+    if width > 2 and not any_of(column > np.int32(width - 3)):
+        c00, c01 = _two_texels(table, low, column)
+        c10, c11 = _two_texels(table, high, column)
+        return c00, c01, c10, c11
     right = int32(column + np.int32(1))
     right = select(right < np.int32(width), right, np.int32(0))
     return (
@@ -182,6 +187,14 @@ def _corners(table, row, column):
         _texel(table, high, column),
         _texel(table, high, right),
     )
+
+
+@device
+def _two_texels(table, row, column):
+    """The texel there and its right neighbour."""
+    first = int32((row * np.int32(table.image.shape[1]) + column) * np.int32(3))
+    words = words_at(table.image, first, 8)
+    return (words[0], words[1], words[2]), (words[3], words[4], words[5])
 
 
 @device
@@ -217,14 +230,13 @@ def environment_lookup(table, d):
 def _invert(cdf, guide, row, u):
     """(index, u within the cell in [0, 1)): cdf[row, index] <= u < cdf[row, index + 1]."""
     k = int32(u * np.float32(guide.shape[1] - 1))
-    low, high = at(guide, row, k), at(guide, row, k + np.int32(1))
+    low, high = words_at(guide, int32(row * np.int32(guide.shape[1])) + k, 2)
     while any_of(low < high):
         middle = int32(int32(low + high + np.int32(1)) >> np.int32(1))
         above = at(cdf, row, middle) <= u
         low, high = select(above, middle, low), select(above, high, int32(middle - np.int32(1)))
-    start = at(cdf, row, low)
-    width = at(cdf, row, low + np.int32(1)) - start
-    return low, min((u - start) / max(width, SMALL), LAST_BELOW_ONE)
+    start, end = words_at(cdf, int32(row * np.int32(cdf.shape[1])) + low, 2)
+    return low, min((u - start) / max(end - start, SMALL), LAST_BELOW_ONE)
 
 
 @device
@@ -245,7 +257,7 @@ def sample_environment(table, u1, u2):
     if table.scale[0] == ZERO:
         return (ZERO, ZERO, ONE), BLACK, ZERO
     height, width = table.image.shape[0], table.image.shape[1]
-    row, u1 = _invert(table.row_cdf, table.row_guide, 0, u1)
+    row, u1 = _invert(table.row_cdf, table.row_guide, np.int32(0), u1)
     column, u2 = _invert(table.column_cdf, table.column_guide, row, u2)
     c00, c01, c10, c11 = _corners(table, row, column)
     sine_low, sine_high = at(table.sines, row), at(table.sines, row + np.int32(1))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..geom.vec import HALF, LARGE, LAST_BELOW_ONE, ONE, SMALL, ZERO, dot
 from ..jit import device
-from ..simd import any_of, at, int32, no, row_at, select
+from ..simd import any_of, at, bits_of, int32, no, select, words_at
 
 # Words of a node, one cache line. COS_TOTAL: of theta_o + theta_e. CHILD is an integer: the row of the left child, with
 # the right one behind it, or -1 - emitter. TWO_SIDED: the axis has no sign.
@@ -79,9 +79,15 @@ def _faces_away(total, cosine, radius_squared, distance_squared):
 
 
 @device
-def _importance(nodes, k, p, n):
-    """An estimate, up to a common factor, of what cluster k sends to p; 0 only where nothing can arrive."""
-    node = row_at(nodes, k)
+def _row(tree, k):
+    """The words of a node, or of one for each lane."""
+    return words_at(tree.nodes, k * np.int32(NODE_WORDS), NODE_WORDS)
+
+
+@device
+def _importance(node, p, n):
+    """An estimate, up to a common factor, of what a cluster, its row `node`, sends to p; 0 only where nothing can
+    arrive."""
     to = node[CENTER] - p[0], node[CENTER + 1] - p[1], node[CENTER + 2] - p[2]
     half = node[HALF_SIZE], node[HALF_SIZE + 1], node[HALF_SIZE + 2]
     height = dot(n, to)
@@ -94,7 +100,7 @@ def _importance(nodes, k, p, n):
 
 @device
 def _importance_above(node, to, half, height):
-    """The same for a cluster, its row `node`, at `to` from p and at this height above the horizon."""
+    """The same for a cluster at `to` from p and at this height above the horizon."""
     distance_squared, radius_squared = min(dot(to, to), LARGE), min(dot(half, half), LARGE)
     inverse = ONE / math.sqrt(distance_squared + SMALL)
     blur_squared = SOFTNESS * radius_squared
@@ -121,10 +127,18 @@ def _importance_above(node, to, half, height):
 def tree_importance(tree, p, n):
     """An estimate of the irradiance at p, as luminance, if the emitters' power is luminance x area; 0 only where
     nothing can arrive."""
-    nodes, child = tree.nodes, tree.integers[0, CHILD]
+    child = tree.integers[0, CHILD]
     if child < 0:
-        return _importance(nodes, ROOT, p, n)
-    return _importance(nodes, child, p, n) + _importance(nodes, np.int32(child + 1), p, n)
+        return _importance(_row(tree, ROOT), p, n)
+    return _importance(_row(tree, child), p, n) + _importance(_row(tree, np.int32(child + 1)), p, n)
+
+
+@device
+def _children(tree, k, p, n):
+    """(CHILD, importance) of the cluster in row k, and the same of the one behind it."""
+    left, right = _row(tree, k), _row(tree, int32(k + np.int32(1)))
+    left_child, right_child = bits_of(left[CHILD]), bits_of(right[CHILD])
+    return left_child, _importance(left, p, n), right_child, _importance(right, p, n)
 
 
 @device
@@ -134,14 +148,13 @@ def sample_tree(tree, p, n, u):
     u_rest can be used again: it is u stretched from the emitter's interval, which leaves it log2(1 / probability)
     bits shorter. probability == 0: no emitter can light p, and emitter is 0.
     """
-    nodes, integers = tree.nodes, tree.integers
-    probability, child = ONE, integers[0, CHILD]
+    probability, child = ONE, tree.integers[0, CHILD]
     if child < 0:
-        probability = select(_importance(nodes, ROOT, p, n) > ZERO, ONE, ZERO)
+        probability = select(_importance(_row(tree, ROOT), p, n) > ZERO, ONE, ZERO)
     descends = child >= np.int32(0)
     while any_of(descends):
         k = select(descends, child, np.int32(0))  # where others have arrived already, any node will do
-        left, right = _importance(nodes, k, p, n), _importance(nodes, int32(k + np.int32(1)), p, n)
+        left_child, left, right_child, right = _children(tree, k, p, n)
         total = left + right
         lit, share_of_left = total > ZERO, left / total
         to_left = u < share_of_left
@@ -149,8 +162,8 @@ def sample_tree(tree, p, n, u):
         rest = select(to_left, u, u - share_of_left) / share
         u = select(descends & lit, min(rest, LAST_BELOW_ONE), u)
         probability = select(descends, select(lit, probability * share, ZERO), probability)
-        k = int32(k + select(to_left, np.int32(0), np.int32(1)))
-        child = select(descends, select(lit, at(integers, k, CHILD), FIRST_EMITTER), child)
+        chosen = select(lit, select(to_left, left_child, right_child), FIRST_EMITTER)
+        child = select(descends, chosen, child)
         descends = child >= np.int32(0)
     return int32(np.int32(-1) - child), probability, u
 
@@ -158,21 +171,19 @@ def sample_tree(tree, p, n, u):
 @device
 def tree_probability(tree, emitter, p, n):
     """The probability with which `sample_tree` chooses `emitter` at p with normal n."""
-    nodes, integers = tree.nodes, tree.integers
-    probability, child, depth = ONE, integers[0, CHILD], 0
+    probability, child, depth = ONE, tree.integers[0, CHILD], 0
     if child < 0:
-        probability = select(_importance(nodes, ROOT, p, n) > ZERO, ONE, ZERO)
+        probability = select(_importance(_row(tree, ROOT), p, n) > ZERO, ONE, ZERO)
     descends = child >= np.int32(0)
     while any_of(descends):
         k = select(descends, child, np.int32(0))
-        left, right = _importance(nodes, k, p, n), _importance(nodes, int32(k + np.int32(1)), p, n)
+        left_child, left, right_child, right = _children(tree, k, p, n)
         total = left + right
         turns = at(tree.paths, emitter, depth >> 5) >> np.uint32(depth & 31)
         to_left = (turns & np.uint32(1)) == np.uint32(0)
         # Not right / total: two quotients may become one reciprocal, which of the smallest totals is infinite.
         share = select(total > ZERO, select(to_left, left / total, ONE - left / total), ZERO)
         probability = select(descends, probability * share, probability)
-        k = int32(k + select(to_left, np.int32(0), np.int32(1)))
-        child = select(descends, at(integers, k, CHILD), child)
+        child = select(descends, select(to_left, left_child, right_child), child)
         descends, depth = child >= np.int32(0), depth + 1
     return probability

@@ -21,7 +21,7 @@ from .arithmetic import (
     to_index,
     uint32,
 )
-from .memory import add_at, at, compress, first_lanes, lanes, load, load_parts, put_at, row_at, store, store_parts
+from .memory import add_at, at, compress, first_lanes, lanes, load, load_parts, put_at, store, store_parts, words_at
 from .types import WIDTH
 
 __all__ = [
@@ -43,11 +43,11 @@ __all__ = [
     "load_parts",
     "no",
     "put_at",
-    "row_at",
     "select",
     "spread",
     "store",
     "store_parts",
     "to_index",
     "uint32",
+    "words_at",
 ]

@@ -101,6 +101,14 @@ def _part(context, builder, sig, args, number):
     return builder.gep(builder.bitcast(array.data, ir.PointerType()), [offset], source_etype=_BYTE)
 
 
+def _side_by_side(builder, parts: list):
+    """Vectors, a power of two of them, as one."""
+    while len(parts) > 1:
+        both = ir.Constant(ir.VectorType(I32_WORD, 2 * parts[0].type.count), list(range(2 * parts[0].type.count)))
+        parts = [builder.shuffle_vector(a, b, both) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    return parts[0]
+
+
 @intrinsic
 def load_parts(typing_context, array, row, width):
     """array[:, row, :] of parts that are `width` wide, a constant, and WIDTH together."""
@@ -112,10 +120,7 @@ def load_parts(typing_context, array, row, width):
         narrow = ir.VectorType(vector.llvm.element, width)
         places = [_part(context, builder, sig, args, number) for number in range(WIDTH // width)]
         parts = [builder.load(place, typ=narrow, align=4) for place in places]
-        while len(parts) > 1:
-            both = ir.Constant(ir.VectorType(I32_WORD, 2 * parts[0].type.count), list(range(2 * parts[0].type.count)))
-            parts = [builder.shuffle_vector(a, b, both) for a, b in zip(parts[::2], parts[1::2], strict=True)]
-        return parts[0]
+        return _side_by_side(builder, parts)
 
     return vector(array, row, types.literal(width)), codegen
 
@@ -239,43 +244,47 @@ def at(typing_context, array, *indices):
 
 
 def _transposed(builder, rows: list) -> list:
-    """WIDTH vectors as the columns of what they are the rows of, by log2(WIDTH) rounds of shuffles of two."""
+    """WIDTH rows of as many words or fewer, a power of two, as their columns: by rounds of shuffles of two."""
+    count = rows[0].type.count
+    # Of fewer words several rows fit a vector: those that `count` lies between.
+    together = [_side_by_side(builder, rows[i::count]) for i in range(count)]
     bit = 1
-    while bit < WIDTH:
+    while bit < count:
         low = ir.Constant(U32.llvm, [k if not k & bit else WIDTH + k - bit for k in range(WIDTH)])
         high = ir.Constant(U32.llvm, [k + bit if not k & bit else WIDTH + k for k in range(WIDTH)])
-        for i in range(WIDTH):
+        for i in range(count):
             if not i & bit:
-                a, b = rows[i], rows[i | bit]
-                rows[i], rows[i | bit] = builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high)
+                a, b = together[i], together[i | bit]
+                together[i], together[i | bit] = builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high)
         bit *= 2
-    return rows
+    return together
 
 
 @intrinsic
-def row_at(typing_context, array, row):
-    """The WIDTH words of a row of a C array (rows, WIDTH). For vectors each lane's row is one load, and the lot of
-    them is turned about: that takes half the time of looking up each word."""
-    words = _row_of(array) if isinstance(row, Vector) else array.dtype
-    result = types.UniTuple(words, WIDTH)
+def words_at(typing_context, array, first, count):
+    """`count` words of a C array, a constant power of two, from its word `first` on. For vectors each
+    lane's are one load, and the lot of them is turned about: that takes half the time of looking up each word."""
+    if not isinstance(count, types.IntegerLiteral):
+        return None  # Numba then comes back with the constant
+    words = _row_of(array) if isinstance(first, Vector) else array.dtype
+    result, number = types.UniTuple(words, count.literal_value), count.literal_value
 
     def codegen(context, builder, sig, args):
         array = _array(context, builder, sig.args[0], args[0])
         base, element = builder.bitcast(array.data, ir.PointerType()), context.get_value_type(sig.args[0].dtype)
-
-        def place(row, word=0):
-            offset = builder.add(builder.mul(row, I64(WIDTH)), I64(word))
-            return builder.gep(base, [offset], source_etype=element)
-
         if isinstance(sig.args[1], Vector):
-            lanes = [builder.extract_element(args[1], I32_WORD(lane)) for lane in range(WIDTH)]
-            rows = [builder.load(place(builder.zext(row, I64)), typ=words.llvm, align=4) for row in lanes]
-            return context.make_tuple(builder, sig.return_type, _transposed(builder, rows))
-        row = context.cast(builder, args[1], sig.args[1], types.int64)
-        found = [builder.load(place(row, word), typ=element, align=4) for word in range(WIDTH)]
+            lanes = [builder.zext(builder.extract_element(args[1], I32_WORD(lane)), I64) for lane in range(WIDTH)]
+            row, found = ir.VectorType(element, min(number, WIDTH)), []
+            for word in range(0, number, WIDTH):
+                places = [builder.gep(base, [builder.add(lane, I64(word))], source_etype=element) for lane in lanes]
+                found += _transposed(builder, [builder.load(place, typ=row, align=4) for place in places])
+            return context.make_tuple(builder, sig.return_type, found)
+        start = builder.gep(base, [context.cast(builder, args[1], sig.args[1], types.int64)], source_etype=element)
+        places = [builder.gep(start, [I64(word)], source_etype=element) for word in range(number)]
+        found = [builder.load(place, typ=element, align=4) for place in places]
         return context.make_tuple(builder, sig.return_type, found)
 
-    return result(array, row), codegen
+    return result(array, first, types.literal(number)), codegen
 
 
 def _scatter(builder, vector, places, value, mask):
