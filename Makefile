@@ -2,7 +2,7 @@
 # make test     everything that must hold: style, types, tests
 # make test-long  the tests that take minutes, and the tables of accuracy in benchmarks/results/
 # make bench    error against time beside Cycles, into benchmarks/results/: some half an hour; it can be interrupted
-# make package  the extension with its wheels, for this system, into out/
+# make package  the extension with its wheels, a zip for each system, into out/
 # Each makes .venv from the pinned requirements when it is missing or they have changed.
 
 PYTHON ?= python3.11
