@@ -23,6 +23,7 @@ class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
     def draw(self, context):
         light = context.light
         self.layout.row().prop(light, "type", expand=True)
+        self.layout.separator()
         column = self.column()
         if getattr(light, "use_temperature", None) is not None:  # Blender 4.5 on
             heading = column.column(align=True, heading="Temperature")
@@ -146,9 +147,9 @@ class LOBE_VIEWLAYER_PT_override(LobePanel, bpy.types.Panel):
 
     def draw(self, context):
         column = self.column()
-        column.prop(context.view_layer, "material_override")
+        column.prop(context.view_layer, "material_override", text="Material")
         if hasattr(context.view_layer, "world_override"):  # Blender 4.3 on
-            column.prop(context.view_layer, "world_override")
+            column.prop(context.view_layer, "world_override", text="World")
 
 
 class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):

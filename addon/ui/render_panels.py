@@ -128,14 +128,34 @@ class LOBE_RENDER_PT_simplify(_Panel, bpy.types.Panel):
         self.layout.prop(context.scene.render, "use_simplify", text="")
 
     def draw(self, context):
+        pass
+
+
+class _Simplify(_Panel):
+    bl_parent_id = "LOBE_RENDER_PT_simplify"
+
+    def draw_maxima(self, context, suffix: str):
         render = context.scene.render
         column = self.column()
         column.active = render.use_simplify
-        for heading, suffix in (("Viewport", ""), ("Render", "_render")):
-            sub = column.column(align=True)
-            sub.prop(render, f"simplify_subdivision{suffix}", text=f"{heading} Subdivision")
-            sub.prop(render, f"simplify_child_particles{suffix}", text="Child Particles")
-        column.prop(render, "use_simplify_normals", text="Normals")
+        column.prop(render, f"simplify_subdivision{suffix}", text="Max Subdivision")
+        column.prop(render, f"simplify_child_particles{suffix}", text="Max Child Particles")
+        return column
+
+
+class LOBE_RENDER_PT_simplify_viewport(_Simplify, bpy.types.Panel):
+    bl_label = "Viewport"
+
+    def draw(self, context):
+        column = self.draw_maxima(context, "")
+        column.prop(context.scene.render, "use_simplify_normals", text="Normals")
+
+
+class LOBE_RENDER_PT_simplify_render(_Simplify, bpy.types.Panel):
+    bl_label = "Render"
+
+    def draw(self, context):
+        self.draw_maxima(context, "_render")
 
 
 class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
@@ -161,6 +181,8 @@ CLASSES = (
     LOBE_RENDER_PT_light_paths_max_bounces,
     LOBE_RENDER_PT_light_paths_clamping,
     LOBE_RENDER_PT_simplify,
+    LOBE_RENDER_PT_simplify_viewport,
+    LOBE_RENDER_PT_simplify_render,
     LOBE_RENDER_PT_film,
     LOBE_RENDER_PT_film_pixel_filter,
     LOBE_RENDER_PT_performance,

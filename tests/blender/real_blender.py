@@ -58,3 +58,10 @@ def read_picture(path: Path) -> np.ndarray:
     pixels = image.read_image("float")
     image.close()
     return pixels
+
+
+def read_bytes(path: Path) -> np.ndarray:
+    """(h, w, 3) int16 of a PNG, row 0 at the top: 0 to 255 that can be subtracted."""
+    import OpenImageIO as oiio
+
+    return oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)[..., :3].astype(np.int16)
