@@ -8,6 +8,7 @@ from __future__ import annotations
 import bpy
 
 from .panel import LobePanel
+from .text import draw_text
 
 ALWAYS_NODES = bpy.app.version >= (5, 2)  # lamps: from then on the property only warns
 
@@ -102,7 +103,7 @@ class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
         self.layout.use_property_split = True
         if not (ALWAYS_NODES or light.use_nodes) or light.node_tree is None:
             self.layout.active = False
-            self.layout.label(text="The color above is the whole light")
+            draw_text(self.layout, context, "The color above is the whole light")
             return
         output = light.node_tree.get_output_node("CYCLES")
         if output is None:

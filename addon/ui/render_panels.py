@@ -131,31 +131,28 @@ class LOBE_RENDER_PT_simplify(_Panel, bpy.types.Panel):
         pass
 
 
-class _Simplify(_Panel):
+class LOBE_RENDER_PT_simplify_viewport(_Panel, bpy.types.Panel):
+    bl_label = "Viewport"
     bl_parent_id = "LOBE_RENDER_PT_simplify"
 
-    def draw_maxima(self, context, suffix: str):
-        render = context.scene.render
-        column = self.column()
-        column.active = render.use_simplify
-        column.prop(render, f"simplify_subdivision{suffix}", text="Max Subdivision")
-        column.prop(render, f"simplify_child_particles{suffix}", text="Max Child Particles")
-        return column
-
-
-class LOBE_RENDER_PT_simplify_viewport(_Simplify, bpy.types.Panel):
-    bl_label = "Viewport"
-
     def draw(self, context):
-        column = self.draw_maxima(context, "")
+        column = self.column()
+        _draw_simplify(column, context.scene.render, "")
         column.prop(context.scene.render, "use_simplify_normals", text="Normals")
 
 
-class LOBE_RENDER_PT_simplify_render(_Simplify, bpy.types.Panel):
+class LOBE_RENDER_PT_simplify_render(_Panel, bpy.types.Panel):
     bl_label = "Render"
+    bl_parent_id = "LOBE_RENDER_PT_simplify"
 
     def draw(self, context):
-        self.draw_maxima(context, "_render")
+        _draw_simplify(self.column(), context.scene.render, "_render")
+
+
+def _draw_simplify(column, render, suffix: str) -> None:
+    column.active = render.use_simplify
+    column.prop(render, f"simplify_subdivision{suffix}", text="Max Subdivision")
+    column.prop(render, f"simplify_child_particles{suffix}", text="Max Child Particles")
 
 
 class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):

@@ -103,6 +103,7 @@ def install():
     bpy.context.preferences.view.show_splash = False
     # The operator that dropping the file on the window runs.
     bpy.ops.extensions.package_install_files(filepath=PACKAGE, repo="user_default", enable_on_install=True)
+    open_panels()
     yield 1.0
     bpy.ops.wm.open_mainfile(filepath=BLEND, load_ui=False)
     yield 1.0
@@ -198,6 +199,7 @@ def look_around():
     for material in filter(is_phong, bpy.data.materials):
         group = next(node for node in material.node_tree.nodes if node.type == "GROUP")
         group.inputs["kd"].default_value = (0.6, 0.1, 0.05, 1.0)
+        group.inputs["ks"].default_value = (0.4, 0.4, 0.4, 1.0)
     yield from refined("edited", first)
     space.shading.type = "SOLID"
     yield 1.0
@@ -219,7 +221,7 @@ TABS = {
 
 
 def open_panels() -> None:
-    """All of Lobe's, which are closed by default in part."""
+    """All of Lobe's, in part closed by default, before Blender has drawn and remembers them."""
     ui = sys.modules["bl_ext.user_default.lobe.addon.ui"]
     for cls in reversed(ui._CLASSES):
         bpy.utils.unregister_class(cls)
@@ -236,7 +238,6 @@ def panels():
         bpy.ops.lobe.check_scene()
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
     bpy.context.collection.objects.link(lamp)
-    open_panels()
     narrow, wide = area("PROPERTIES"), area("VIEW_3D")
     wide.type = "PROPERTIES"
     yield 1.0
