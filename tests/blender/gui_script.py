@@ -234,8 +234,10 @@ def open_panels() -> None:
 def panels():
     """Every tab that has panels of Lobe's, open, in a column as wide as Blender's and in a wide one."""
     unsupported()
-    with over(area("PROPERTIES")):
-        bpy.ops.lobe.check_scene()
+    area("PROPERTIES").spaces.active.context = "MATERIAL"
+    yield 0.3
+    yield from until(bpy.ops.lobe.check_scene.poll)  # not before the materials' icons are rendered
+    bpy.ops.lobe.check_scene()
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
     bpy.context.collection.objects.link(lamp)
     narrow, wide = area("PROPERTIES"), area("VIEW_3D")
