@@ -234,6 +234,8 @@ def open_panels() -> None:
 def panels():
     """Every tab that has panels of Lobe's, open, in a column as wide as Blender's and in a wide one."""
     unsupported()
+    activate("MESH")
+    yield 0.3
     area("PROPERTIES").spaces.active.context = "MATERIAL"
     yield 0.3
     yield from until(bpy.ops.lobe.check_scene.poll)  # not before the materials' icons are rendered
@@ -248,9 +250,7 @@ def panels():
             lamp.data.type = kind
             bpy.context.view_layer.objects.active = lamp
         elif kind is not None:
-            of_kind = [o for o in bpy.data.objects if o.type == kind]
-            phong = [o for o in of_kind if o.active_material and is_phong(o.active_material)]
-            bpy.context.view_layer.objects.active = (phong or of_kind)[0]
+            activate(kind)
         yield 0.3
         for column in (narrow, wide):
             column.spaces.active.context = tab
@@ -260,6 +260,13 @@ def panels():
         shoot(wide, f"panel_{name}")
     wide.type = "VIEW_3D"
     yield 1.0
+
+
+def activate(kind: str) -> None:
+    """An object of a type, one with a Phong surface if there is any."""
+    of_kind = [o for o in bpy.data.objects if o.type == kind]
+    phong = [o for o in of_kind if o.active_material and is_phong(o.active_material)]
+    bpy.context.view_layer.objects.active = (phong or of_kind)[0]
 
 
 def is_phong(material) -> bool:
