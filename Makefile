@@ -1,8 +1,9 @@
 # make render   renders a sample scene with Lobe into out/
 # make test     everything that must hold: style, types, tests
 # make test-long  the tests that take minutes, and the tables of accuracy in benchmarks/results/
+# make test-gui   Lobe in a Blender with a window, which LOBE_BLENDER_WINDOW names; the pictures end up in out/gui/
 # make bench    error against time beside Cycles, into benchmarks/results/: some half an hour; it can be interrupted
-# make package  the extension with its wheels, for this system, into out/
+# make package  the extension with its wheels, a zip for each system, into out/
 # Each makes .venv from the pinned requirements when it is missing or they have changed.
 
 PYTHON ?= python3.11
@@ -10,7 +11,7 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/installed
 
-.PHONY: render test test-long bench lint types package venv clean
+.PHONY: render test test-long test-gui bench lint types package venv clean
 
 render: $(INSTALLED)
 	mkdir -p out
@@ -25,6 +26,9 @@ test-long: $(INSTALLED)
 	$(RUN) benchmarks/parity.py all --against REFERENCE || status=1; \
 	$(RUN) benchmarks/parity.py all --against CYCLES || status=1; \
 	exit $$status
+
+test-gui: $(INSTALLED)
+	$(RUN) -m pytest tests/blender/test_gui.py tests/blender/test_viewport_window.py
 
 bench: $(INSTALLED)
 	$(RUN) tools/bench.py all

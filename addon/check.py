@@ -135,7 +135,12 @@ the scene does: a moment, some seconds for millions of faces"""
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.scene is not None and not bpy.app.is_job_running("RENDER")
+        # Blender begins a render by waiting for its previews. From Python it keeps Python's lock while it waits, which
+        # an engine that draws a preview needs to come to its end: neither would go on.
+        if bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("RENDER_PREVIEW"):
+            cls.poll_message_set("Blender is rendering a picture or a preview: a moment, please")
+            return False
+        return context.scene is not None
 
     def execute(self, context):
         try:

@@ -74,17 +74,27 @@ def build(package: Path, source: Path = REPOSITORY) -> None:
     extension_tool("build", "--source-dir", str(source), "--output-filepath", str(package))
 
 
+def validate(package: Path) -> None:
+    """Have Blender's own tool check an extension file, its tags among what it checks."""
+    tags = next(_bpy().glob("*/scripts/modules/_bpy_internal/extensions/tags.py"))
+    extension_tool("validate", "--valid-tags", str(tags), str(package))
+
+
 def extension_tool(*arguments: str) -> str:
     """Run Blender's command line tool for extensions, which the bpy module carries; gives back what it prints."""
-    spec = importlib.util.find_spec("bpy")
-    if spec is None or not spec.submodule_search_locations:
-        raise SetupError("the Python package bpy is not installed")
-    root = Path(spec.submodule_search_locations[0])
-    tool = next(root.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
+    tool = next(_bpy().glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
     done = subprocess.run([sys.executable, str(tool), *arguments], capture_output=True, text=True)
     if done.returncode:
         raise SetupError(f"Blender's extension tool failed:\n{done.stdout}{done.stderr}")
     return done.stdout
+
+
+def _bpy() -> Path:
+    """The folder of the bpy module, without importing it."""
+    spec = importlib.util.find_spec("bpy")
+    if spec is None or not spec.submodule_search_locations:
+        raise SetupError("the Python package bpy is not installed")
+    return Path(spec.submodule_search_locations[0])
 
 
 def product_files() -> list[Path]:

@@ -1,9 +1,10 @@
-"""Builds the extension as a zip that Blender installs by itself: the product files and the wheels that it needs.
+"""Builds the extension with Blender's own tool: for every platform a zip that Blender installs by itself.
 
     tools/package.py [-o FOLDER] [--platform linux-x64 ...] [--python 3.11 ...]
 
-Wheels are downloaded once into a cache, in the versions that requirements.txt pins, and go into the manifest of the
-package alone: the one in the repository stays as it is. numpy is part of Blender and never packed.
+Each holds the product files and the wheels that they need, for all of Blender's Pythons: Blender takes those of its
+own. Wheels are downloaded once into a cache, in the versions that requirements.txt pins, and go into the manifest of
+the package alone: the one in the repository stays as it is. numpy is part of Blender and never packed.
 """
 
 from __future__ import annotations
@@ -18,14 +19,17 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 try:
-    from tools.lobe_blender import PRODUCT, REPOSITORY, extension_tool
+    from tools.lobe_blender import PRODUCT, REPOSITORY, build, private_folder, validate
 except ImportError:  # run as a script
-    from lobe_blender import PRODUCT, REPOSITORY, extension_tool  # type: ignore[no-redef]
+    from lobe_blender import PRODUCT, REPOSITORY, build, private_folder, validate  # type: ignore[no-redef]
 
 PACKED = ("embreex", "llvmlite", "numba", "OpenImageIO")
+PYTHONS = ("3.11", "3.13")  # of Blender 4.2 to 5.0, and from 5.1 on (Debian's 4.3 has the newer one, too)
+OFFERED = ("linux-x64", "windows-x64", "macos-arm64")
 
 # Blender's name of a platform -> the tags of the wheels that run there, the oldest system that Blender supports last.
 PLATFORMS = {
@@ -60,11 +64,15 @@ def download(target: str, python: str, folder: Path) -> list[Path]:
     return sorted(place.glob("*.whl"))
 
 
-def build_package(output: Path, targets: list[str], pythons: list[str], wheels: Path) -> Path:
-    """Build one zip for all of `targets` and `pythons`; gives back its path."""
+def build_package(output: Path, target: str, pythons: Sequence[str] = PYTHONS, wheels: Path | None = None) -> Path:
+    """Build the zip of a platform, validate it, and give back its path.
+
+    wheels  folder that keeps what was downloaded; None: one of this user's, for all packages.
+    """
     output.mkdir(parents=True, exist_ok=True)
+    wheels = wheels or private_folder("wheels")
     wheels.mkdir(parents=True, exist_ok=True)
-    found = {wheel.name: wheel for t in targets for p in pythons for wheel in download(t, p, wheels)}
+    found = {wheel.name: wheel for python in pythons for wheel in download(target, python, wheels)}
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "lobe"
         source.mkdir()
@@ -78,9 +86,10 @@ def build_package(output: Path, targets: list[str], pythons: list[str], wheels: 
         for wheel in found.values():
             shutil.copy(wheel, source / "wheels")
         manifest = source / "blender_manifest.toml"
-        manifest.write_text(with_wheels(manifest.read_text(), sorted(found), targets))
-        package = output.resolve() / f"lobe-{version(manifest)}-{'-'.join(t.replace('-', '_') for t in targets)}.zip"
-        extension_tool("build", "--source-dir", str(source), "--output-filepath", str(package))
+        manifest.write_text(with_wheels(manifest.read_text(), sorted(found), [target]))
+        package = output.resolve() / f"lobe-{version(manifest)}-{target.replace('-', '_')}.zip"
+        build(package, source)
+    validate(package)
     return package
 
 
@@ -104,14 +113,15 @@ def this_platform() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Build the extension with its wheels.")
-    parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder of the zip (default: out)")
-    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=[this_platform()])
-    parser.add_argument("--python", nargs="+", default=["3.11", "3.13"], help="Blender 4.2 to 5.0 has 3.11, 5.1 3.13")
-    parser.add_argument("--wheels", type=Path, default=Path(tempfile.gettempdir()) / "lobe-wheels", help="cache folder")
+    parser = argparse.ArgumentParser(description="Build the extension with its wheels, a zip for each platform.")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder of the zips (default: out)")
+    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=OFFERED)
+    parser.add_argument("--python", nargs="+", default=PYTHONS, help=f"default: {' '.join(PYTHONS)}")
+    parser.add_argument("--wheels", type=Path, help="folder that keeps downloaded wheels")
     arguments = parser.parse_args()
-    package = build_package(arguments.output, arguments.platform, arguments.python, arguments.wheels)
-    print(f"{package} ({package.stat().st_size / 1e6:.0f} MB)")
+    for target in arguments.platform:
+        package = build_package(arguments.output, target, arguments.python, arguments.wheels)
+        print(f"{package}  {package.stat().st_size / 1e6:.0f} MB, valid", flush=True)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 import bpy
 
 from .panel import LobePanel
+from .text import draw_text
 
 ALWAYS_NODES = bpy.app.version >= (5, 2)  # lamps: from then on the property only warns
 
@@ -23,6 +24,7 @@ class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
     def draw(self, context):
         light = context.light
         self.layout.row().prop(light, "type", expand=True)
+        self.layout.separator()
         column = self.column()
         if getattr(light, "use_temperature", None) is not None:  # Blender 4.5 on
             heading = column.column(align=True, heading="Temperature")
@@ -101,7 +103,7 @@ class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
         self.layout.use_property_split = True
         if not (ALWAYS_NODES or light.use_nodes) or light.node_tree is None:
             self.layout.active = False
-            self.layout.label(text="The color above is the whole light")
+            draw_text(self.layout, context, "The color above is the whole light")
             return
         output = light.node_tree.get_output_node("CYCLES")
         if output is None:
@@ -146,9 +148,9 @@ class LOBE_VIEWLAYER_PT_override(LobePanel, bpy.types.Panel):
 
     def draw(self, context):
         column = self.column()
-        column.prop(context.view_layer, "material_override")
+        column.prop(context.view_layer, "material_override", text="Material")
         if hasattr(context.view_layer, "world_override"):  # Blender 4.3 on
-            column.prop(context.view_layer, "world_override")
+            column.prop(context.view_layer, "world_override", text="World")
 
 
 class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):

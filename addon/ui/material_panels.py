@@ -132,7 +132,7 @@ def _rows(drawn) -> list[tuple[str, str]]:
     if max(drawn.ks) > 0.0:
         rows += [("Phong ks", _triple(drawn.ks)), ("Exponent", f"{drawn.exponent:.4g}")]
     if any(drawn.emission):
-        rows.append(("Emission", f"{_triple(drawn.emission)} W/(m² sr)"))
+        rows += [("Emission", _triple(drawn.emission)), ("", "W/(m² sr)")]  # below: three numbers fill a column
     if max(drawn.transparency) > 0.0:
         rows.append(("Transparency", _triple(drawn.transparency)))
     return rows
@@ -140,7 +140,7 @@ def _rows(drawn) -> list[tuple[str, str]]:
 
 def _triple(color) -> str:
     """One number where the three are equal."""
-    numbers = [f"{channel:.3g}" for channel in color]
+    numbers = [f"{channel:.3g}" if channel < 100.0 else f"{channel:.0f}" for channel in color]
     return numbers[0] if len(set(numbers)) == 1 else "  ".join(numbers)
 
 

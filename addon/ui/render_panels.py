@@ -128,14 +128,31 @@ class LOBE_RENDER_PT_simplify(_Panel, bpy.types.Panel):
         self.layout.prop(context.scene.render, "use_simplify", text="")
 
     def draw(self, context):
-        render = context.scene.render
+        pass
+
+
+class LOBE_RENDER_PT_simplify_viewport(_Panel, bpy.types.Panel):
+    bl_label = "Viewport"
+    bl_parent_id = "LOBE_RENDER_PT_simplify"
+
+    def draw(self, context):
         column = self.column()
-        column.active = render.use_simplify
-        for heading, suffix in (("Viewport", ""), ("Render", "_render")):
-            sub = column.column(align=True)
-            sub.prop(render, f"simplify_subdivision{suffix}", text=f"{heading} Subdivision")
-            sub.prop(render, f"simplify_child_particles{suffix}", text="Child Particles")
-        column.prop(render, "use_simplify_normals", text="Normals")
+        _draw_simplify(column, context.scene.render, "")
+        column.prop(context.scene.render, "use_simplify_normals", text="Normals")
+
+
+class LOBE_RENDER_PT_simplify_render(_Panel, bpy.types.Panel):
+    bl_label = "Render"
+    bl_parent_id = "LOBE_RENDER_PT_simplify"
+
+    def draw(self, context):
+        _draw_simplify(self.column(), context.scene.render, "_render")
+
+
+def _draw_simplify(column, render, suffix: str) -> None:
+    column.active = render.use_simplify
+    column.prop(render, f"simplify_subdivision{suffix}", text="Max Subdivision")
+    column.prop(render, f"simplify_child_particles{suffix}", text="Max Child Particles")
 
 
 class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
@@ -161,6 +178,8 @@ CLASSES = (
     LOBE_RENDER_PT_light_paths_max_bounces,
     LOBE_RENDER_PT_light_paths_clamping,
     LOBE_RENDER_PT_simplify,
+    LOBE_RENDER_PT_simplify_viewport,
+    LOBE_RENDER_PT_simplify_render,
     LOBE_RENDER_PT_film,
     LOBE_RENDER_PT_film_pixel_filter,
     LOBE_RENDER_PT_performance,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import blf
 
-MARGIN = 42  # pixels at resolution scale 1, of a panel and a box
+MARGIN = 56  # pixels at resolution scale 1, of a panel, a box, and what a label keeps free
 ICON = 22
 FALLBACK_WIDTH = 300
 

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import tomllib
+import zipfile
 from pathlib import Path
 
-from tools.package import PACKED, PLATFORMS, pins, this_platform, with_wheels
+import pytest
+
+from tools import package
+from tools.lobe_blender import SetupError, validate
+from tools.package import OFFERED, PACKED, PLATFORMS, PYTHONS, pins, this_platform, with_wheels
 
 
 def test_pins_are_exact() -> None:
@@ -14,7 +19,7 @@ def test_pins_are_exact() -> None:
 
 
 def test_this_platform_can_be_packed() -> None:
-    assert this_platform() in PLATFORMS
+    assert this_platform() in PLATFORMS and set(OFFERED) <= set(PLATFORMS)
 
 
 def test_the_manifest_gets_its_wheels(repository: Path) -> None:
@@ -25,3 +30,43 @@ def test_the_manifest_gets_its_wheels(repository: Path) -> None:
     assert manifest["platforms"] == ["linux-x64"]
     del manifest["wheels"], manifest["platforms"]
     assert manifest == tomllib.loads(before)
+
+
+@pytest.fixture
+def empty_wheels(monkeypatch):
+    """Instead of a download: files of the right names."""
+
+    def download(target: str, python: str, folder: Path) -> list[Path]:
+        tag = f"cp{python.replace('.', '')}"
+        paths = [folder / f"{name}-1.0-{tag}-{tag}-{PLATFORMS[target][0]}.whl" for name in PACKED]
+        for path in paths:
+            path.write_bytes(b"")
+        return paths
+
+    monkeypatch.setattr(package, "download", download)
+
+
+@pytest.mark.parametrize("target", OFFERED)
+def test_a_platforms_zip(target, empty_wheels, tmp_path) -> None:
+    """Holds the product, and the wheels of all of Blender's Pythons for this platform alone; as its manifest says."""
+    path = package.build_package(tmp_path / "out", target, wheels=tmp_path / "wheels")
+    assert path.name.endswith(f"-{target.replace('-', '_')}.zip")
+    with zipfile.ZipFile(path) as file:
+        names = file.namelist()
+        manifest = tomllib.loads(file.read("blender_manifest.toml").decode())
+    wheels = sorted(name for name in names if name.startswith("wheels/"))
+    assert len(wheels) == len(PACKED) * len(PYTHONS)
+    assert manifest["platforms"] == [target] and sorted(manifest["wheels"]) == [f"./{name}" for name in wheels]
+    assert {"__init__.py", "addon/__init__.py", "engine/__init__.py", "LICENSE"} <= set(names)
+    assert not any(name.startswith(("tests/", "tools/", "docs/", ".")) or "__pycache__" in name for name in names)
+
+
+def test_blenders_tool_refuses_what_is_wrong(empty_wheels, tmp_path, monkeypatch) -> None:
+    wrong = with_wheels
+    monkeypatch.setattr(package, "with_wheels", lambda *parts: wrong(*parts).replace('["Render"]', '["Rendering"]'))
+    with pytest.raises(SetupError, match="Rendering"):
+        package.build_package(tmp_path / "out", this_platform(), wheels=tmp_path / "wheels")
+    not_a_zip = tmp_path / "lobe.zip"
+    not_a_zip.write_bytes(b"")
+    with pytest.raises(SetupError):
+        validate(not_a_zip)
