@@ -170,12 +170,23 @@ def _show(context, strip) -> None:
         image.reload()
     if bpy.app.background or context.window is None:
         return
-    areas = [a for window in context.window_manager.windows for a in window.screen.areas if a.type == "IMAGE_EDITOR"]
-    if not areas:
-        bpy.ops.wm.window_new()
-        areas = [context.window_manager.windows[-1].screen.areas[0]]
-        areas[0].type = "IMAGE_EDITOR"
-    areas[0].spaces.active.image = image
+    window, area = _image_editor(context)
+    area.spaces.active.image = image
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with context.temp_override(window=window, area=area, region=region):
+        bpy.ops.image.view_all(fit_view=True)
+
+
+def _image_editor(context):
+    """Window and area of the first one that is open: after a render there is one, unless the user wants none."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "IMAGE_EDITOR":
+                return window, area
+    bpy.ops.wm.window_new()
+    window = context.window_manager.windows[-1]
+    window.screen.areas[0].type = "IMAGE_EDITOR"
+    return window, window.screen.areas[0]
 
 
 class LOBE_OT_open_comparison(bpy.types.Operator):

@@ -112,7 +112,7 @@ def engine_rows(outcome: Outcome) -> list[tuple[str, str, str]]:
         "Samples": [_samples(outcome, engine) for engine in ENGINES],
         "Time, from F12 to the picture": [f"{outcome.times[engine].total:.2f} s" for engine in ENGINES],
         "of it sampling": [f"{outcome.times[engine].sampling:.2f} s" for engine in ENGINES],
-        "Noise (relMSE)": [number(noise[engine], ".3e") for engine in ENGINES],
+        "Noise (relMSE)": [number(noise[engine], ".1e") for engine in ENGINES],
     }
     return [(what, *values) for what, values in rows.items()]
 
@@ -130,7 +130,7 @@ def difference_rows(outcome: Outcome) -> list[tuple[str, str]]:
         ("Speed-up at equal error", times(found.speedup)),
         ("the same, sampling alone", times(found.speedup_sampling)),
         ("Difference of means", f"{found.mean_difference:+.2%} ± {found.mean_difference_error:.2%}"),
-        ("relMSE between the pictures", number(found.rel_mse, ".3e")),
+        ("relMSE between the pictures", number(found.rel_mse, ".1e")),
         ("of it without the noise of both", f"{found.difference:.1e} ± {found.difference_error:.0e}"),
         ("FLIP", number(found.flip, ".4f")),
     ]

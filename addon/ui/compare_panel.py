@@ -14,6 +14,18 @@ from ..compare.operators import (
 from .panel import LobePanel
 from .text import draw_text
 
+# Of the rows that the page and the log have in full: the panel is narrow.
+SHORT = {
+    "Time, from F12 to the picture": "Time",
+    "of it sampling": "Sampling",
+    "Noise (relMSE)": "Noise",
+    "Speed-up at equal error": "Speed-up",
+    "the same, sampling alone": "Sampling",
+    "Difference of means": "Means",
+    "relMSE between the pictures": "relMSE",
+    "of it without the noise of both": "Noise off",
+}
+
 
 class LOBE_RENDER_PT_compare(LobePanel, bpy.types.Panel):
     bl_label = "Compare"
@@ -56,10 +68,12 @@ class LOBE_RENDER_PT_compare_unmatched(LobePanel, bpy.types.Panel):
 
 
 def _draw_rows(layout, rows) -> None:
-    split = layout.split(factor=0.5)
-    columns = [split.column(align=True) for _ in rows[0]]
-    for row in rows:
-        for column, text in zip(columns, row, strict=True):
+    split = layout.split(factor=0.36)
+    columns = [split.column(align=True)]
+    values = split.row()
+    columns += [values.column(align=True) for _ in rows[0][1:]]
+    for what, *texts in rows:
+        for column, text in zip(columns, [SHORT.get(what, what), *texts], strict=True):
             column.label(text=text)
 
 

@@ -20,11 +20,13 @@ PATIENCE = 240.0  # seconds: the first render compiles
 
 
 def settings() -> list:
+    from bl_ext.user_default.lobe.addon.compare import peer
+
     scene = bpy.context.scene
     values = [getattr(scene.cycles, key) for key in ("samples", "seed", "use_adaptive_sampling", "max_bounces")]
     values += [getattr(scene.lobe, key) for key in ("samples", "seed", "time_limit")]
     handlers = [len(getattr(bpy.app.handlers, name)) for name in ("render_init", "render_cancel", "render_stats")]
-    terminator = bpy.data.objects["Cube"].shadow_terminator_geometry_offset
+    terminator = peer.shadow_terminator(bpy.data.objects["Cube"]).shadow_terminator_geometry_offset
     return [*values, scene.render.engine, scene.render.use_compositing, terminator, handlers]
 
 
@@ -68,7 +70,7 @@ def steps():
     SEEN["size"], SEEN["noise"] = outcome.size, [outcome.figures.noise_lobe, outcome.figures.noise_cycles]
     editors = [a for w in bpy.context.window_manager.windows for a in w.screen.areas if a.type == "IMAGE_EDITOR"]
     SEEN["shown"] = [area.spaces.active.image.name for area in editors if area.spaces.active.image]
-    SEEN["slots"] = [slot.name for slot in bpy.data.images["Render Result"].render_slots[:2]]
+    SEEN["slots"] = [slot.name for slot in bpy.data.images["Render Result"].render_slots]
     yield 0.5
     if shutil.which("xdotool"):
         scene.render.resolution_x, scene.render.resolution_y = 640, 480
