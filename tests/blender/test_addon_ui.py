@@ -76,7 +76,7 @@ def test_every_setting_is_shown_once(classes) -> None:
     context = fake_context()
     shown = [s for c in classes if c.bl_context == "render" and c.poll(context) for s in draw(c, context)]
     settings = [name for owner, name in shown if owner == "LobeSettings"]
-    expected = {*Settings.__dataclass_fields__, "viewport_samples"} - {"threads"}
+    expected = {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads"}
     assert sorted(settings) == sorted(expected)
     assert {("RenderSettings", "threads"), ("RenderSettings", "film_transparent")} <= set(shown)
 
