@@ -159,4 +159,6 @@ def _shown(value) -> str:
         return "on" if value else "off"
     if isinstance(value, float):
         return f"{value:.4g}"
-    return value.replace("_", " ").capitalize() if isinstance(value, str) else str(value)
+    if not isinstance(value, str) or len(value) <= 3:  # "CPU"
+        return str(value)
+    return value.replace("_", " ").capitalize()

@@ -178,10 +178,11 @@ def _show(context, strip) -> None:
 
 
 def _image_editor(context):
-    """Window and area of the first one that is open: after a render there is one, unless the user wants none."""
+    """Window and area of one that shows a render, or the comparison before; else a window of its own."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "IMAGE_EDITOR":
+            image = area.spaces.active.image if area.type == "IMAGE_EDITOR" else None
+            if image is not None and (image.type == "RENDER_RESULT" or image.name == IMAGE):
                 return window, area
     bpy.ops.wm.window_new()
     window = context.window_manager.windows[-1]

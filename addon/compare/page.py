@@ -38,7 +38,8 @@ p { max-width: 46rem } .dim, figcaption, th { color: var(--dim) } .dim { margin:
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(12rem, 1fr)); gap: .8rem; margin: 1rem 0 }
 .cards div { background: var(--card); border-radius: 6px; padding: .7rem 1rem; font-size: 13px; color: var(--dim) }
 .cards strong { display: block; font-size: 1.5rem; line-height: 1.3; color: var(--ink); font-weight: 600 }
-table { border-collapse: collapse; width: 100%; font-size: 14px }
+table { border-collapse: collapse; width: 100%; font-size: 14px; table-layout: fixed; margin-bottom: 1.2rem }
+th:first-child { width: 50% }
 td, th { border-bottom: 1px solid var(--line); padding: .35rem .8rem .35rem 0; text-align: left; font-weight: 400;
   vertical-align: top } td + td, th + th { font-variant-numeric: tabular-nums }
 .maps { display: grid; grid-template-columns: repeat(auto-fit, minmax(18rem, 1fr)); gap: 1rem } figure { margin: 0 }
@@ -186,8 +187,8 @@ def _table(rows: list[tuple[str, ...]]) -> str:
 def _maps(outcome: Outcome) -> str:
     end = f"{outcome.difference_range:.0%}"
     maps = (
-        ("difference", f"Difference, mean of both seeds: Cycles brighter by {end}{_bar(pictures.SIGNS)}Lobe by {end}"),
-        ("flip", f"FLIP of the pictures as shown: 0{_bar(pictures.MAGMA)}1"),
+        ("difference", f"Mean of both seeds: Cycles brighter, {end}{_bar(pictures.SIGNS)}{end}, Lobe brighter"),
+        ("flip", f"FLIP of the pictures above: 0{_bar(pictures.MAGMA)}1"),
     )
     figures = "".join(
         f"<figure>{_image(outcome.pictures[name], name.capitalize() + ' map')}<figcaption>{text}</figcaption></figure>"

@@ -112,7 +112,8 @@ class Comparison:
 
     def __init__(self, scene, view_layer, seconds: float = 0.0) -> None:
         self.seconds = seconds
-        self.outcome: Outcome | None = None  # at the end of `steps`
+        self.outcome: Outcome | None = None  # this and the next at the end of `steps`
+        self.strip: np.ndarray | None = None  # (h, w, 3) uint8: Lobe's picture, Cycles' and the difference
         self._name = scene.name
         self._uid = scene.session_uid
         several = sum(layer.use for layer in scene.view_layers) > 1
