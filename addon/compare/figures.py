@@ -49,13 +49,16 @@ class Figures:
     flip: float
     speedup: float  # to the error of Lobe's picture: Cycles' time over Lobe's, preparation included
     speedup_sampling: float  # the same, of the sampling alone
+    ratio_error: (
+        float  # standard error of noise_cycles / noise_lobe, relative; that of both speed-ups, but for the times
+    )
 
 
 def measure(lobe: np.ndarray, cycles: np.ndarray, times: tuple[Timing, Timing], flip: float) -> Figures:
     """lobe, cycles: (2, h, w, 3) scene-linear renders of two seeds each, the one that is shown first; times of both."""
     lobe, cycles = lobe.astype(np.float64), cycles.astype(np.float64)
     scale = 1.0 / (brightness(lobe, cycles) ** 2 + EPSILON)
-    noise_lobe, noise_cycles = (_noise(pair, scale) for pair in (lobe, cycles))
+    (noise_lobe, error_lobe), (noise_cycles, error_cycles) = (_noise(pair, scale) for pair in (lobe, cycles))
     apart = lobe - cycles
     products = (apart[0] * apart[1] * scale).mean(axis=-1)
     difference, error = _mean_difference(lobe, cycles)
@@ -71,6 +74,7 @@ def measure(lobe: np.ndarray, cycles: np.ndarray, times: tuple[Timing, Timing], 
         flip=flip,
         speedup=speedup,
         speedup_sampling=speedup_sampling,
+        ratio_error=math.hypot(error_lobe, error_cycles),
     )
 
 
@@ -94,10 +98,14 @@ def speedups(noise_lobe: float, noise_cycles: float, lobe: Timing, cycles: Timin
     return (cycles.preparation + needed) / lobe.total, needed / lobe.sampling
 
 
-def _noise(pair: np.ndarray, scale: np.ndarray) -> float:
-    """The relMSE that one of two renders has from its noise alone; nan when they are the same."""
-    apart = pair[0] - pair[1]
-    return float((apart**2 * scale).mean() / 2.0) if apart.any() else math.nan
+def _noise(pair: np.ndarray, scale: np.ndarray) -> tuple[float, float]:
+    """The relMSE that one of two renders has from its noise alone, nan when they are the same; and its standard error,
+    relative, from the spread over the pixels: large where a few bright specks make most of the noise."""
+    squares = ((pair[0] - pair[1]) ** 2 * scale).mean(axis=-1) / 2.0
+    mean = float(squares.mean())
+    if mean == 0.0:
+        return math.nan, math.nan
+    return mean, float(squares.std() / math.sqrt(squares.size) / mean)
 
 
 def _mean_difference(lobe: np.ndarray, cycles: np.ndarray) -> tuple[float, float]:

@@ -60,10 +60,10 @@ squared difference of two seeds is the noise of one picture. The product of two 
 other seeds, is free of noise: what it leaves is the true difference. All of these are relative squared errors (relMSE),
 divided by the squared brightness + 0.01 that the mean of all four renders has around each pixel. Noise falls like
 1 / samples, so to the noise of Lobe's picture Cycles would need noise(Cycles) / noise(Lobe) times the sampling time
-that it took here: that, with its preparation, over Lobe's time is the speed-up at equal error. Two seeds know a noise
-to some per cent in pictures of many pixels; a few bright specks make it less sure. FLIP (Andersson et al. 2020) says
-how different the two pictures look to someone who flips between them on a screen: 0 alike, 1 as different as can be. It
-is taken of the pictures as shown, noise included.
+that it took here: that, with its preparation, over Lobe's time is the speed-up at equal error. Its standard error comes
+from the noise alone, by its spread over the pixels, which a few bright specks make large; how much the times wander is
+not in it. FLIP (Andersson et al. 2020) says how different the two pictures look to someone who flips between them on a
+screen: 0 alike, 1 as different as can be. It is taken of the pictures as shown, noise included.
 """
 
 
@@ -128,8 +128,8 @@ def _samples(outcome: Outcome, engine: str) -> str:
 def difference_rows(outcome: Outcome) -> list[tuple[str, str]]:
     found = outcome.figures
     return [
-        ("Speed-up at equal error", times(found.speedup)),
-        ("the same, sampling alone", times(found.speedup_sampling)),
+        ("Speed-up at equal error", times(found.speedup, found.ratio_error)),
+        ("the same, sampling alone", times(found.speedup_sampling, found.ratio_error)),
         ("Difference of means", f"{found.mean_difference:+.2%} ± {found.mean_difference_error:.2%}"),
         ("relMSE between the pictures", number(found.rel_mse, ".1e")),
         ("of it without the noise of both", f"{found.difference:.1e} ± {found.difference_error:.0e}"),
@@ -137,8 +137,11 @@ def difference_rows(outcome: Outcome) -> list[tuple[str, str]]:
     ]
 
 
-def times(ratio: float) -> str:
-    return f"{ratio:.2f} x" if math.isfinite(ratio) else "not known"
+def times(ratio: float, error: float = 0.0) -> str:
+    """error: of the ratio, relative."""
+    if not math.isfinite(ratio):
+        return "not known"
+    return f"{ratio:.2f} ± {ratio * error:.2f} x" if error else f"{ratio:.2f} x"
 
 
 def number(value: float, form: str) -> str:

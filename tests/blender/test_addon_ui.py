@@ -286,13 +286,13 @@ def test_the_comparison(classes) -> None:
     context = fake_context()
     assert ("operator", "lobe.compare_with_cycles") in draw(panel, context) and not unmatched.poll(context)
     assert ("operator", "lobe.open_comparison") not in draw(panel, context)
-    figures = module.run.Figures(0.01, 0.002, 0.1, 0.001, 0.0005, 0.02, 0.04, 0.05, 3.25, 3.5)
+    figures = module.run.Figures(0.01, 0.002, 0.1, 0.001, 0.0005, 0.02, 0.04, 0.05, 3.25, 3.5, 0.1)
     both = {"LOBE": module.run.Timing(1.0, 0.9), "CYCLES": module.run.Timing(2.0, 1.9)}
     operators._outcomes[context.scene.session_uid] = module.Outcome(
         "Scene", (8, 8), 0.0, {"LOBE": 4.0, "CYCLES": 4.0}, both, figures, {}, 0.5, [], ["bump is not drawn"], "2"
     )
     shown = texts(panel, context)
-    assert "Speed-up" in shown and "3.25 x" in shown and "+1.00% ± 0.20%" in shown
+    assert "Speed-up" in shown and "3.25 ± 0.33 x" in shown and "+1.00% ± 0.20%" in shown
     assert not any(long in shown for long in sys.modules[panel.__module__].SHORT)
     assert ("operator", "lobe.open_comparison") in draw(panel, context)
     assert unmatched.poll(context) and "bump is not drawn" in texts(unmatched, context)

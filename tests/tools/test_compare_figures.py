@@ -43,6 +43,16 @@ def test_figures_of_a_constructed_case():
     assert found.speedup_sampling == pytest.approx(ratio * 4.0 / 1.5)
     assert found.speedup == pytest.approx((1.0 + 4.0 * ratio) / 2.0)
     assert found.speedup_sampling == pytest.approx(4 * 4.0 / 1.5, rel=0.05)
+    # The square of a normal number spreads by sqrt(2) times its mean; each noise is a mean of 57,600.
+    assert found.ratio_error == pytest.approx(2**0.5 * (2 / 57600) ** 0.5, rel=0.1)
+
+
+def test_specks_make_the_speedup_unsure():
+    lobe, cycles = renders(1.0, 0.01, 7), renders(1.0, 0.01, 8)
+    lobe[0, 5, 5] = 20.0
+    found = figures.measure(lobe, cycles, TIMES, 0.0)
+    assert found.ratio_error > 0.5
+    assert page.times(found.speedup, found.ratio_error).count("±") == 1
 
 
 def test_figures_are_those_of_the_metrics():
