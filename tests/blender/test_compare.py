@@ -30,18 +30,21 @@ def scene(simple_scene):
     return simple_scene
 
 
-def settings(owner, depth: int = 2) -> dict:
-    """All that can be set, of a datablock and of what hangs below it."""
+def settings(owner) -> dict:
+    """All that can be set, of a datablock or a group of properties."""
     found = {}
     for prop in owner.bl_rna.properties:
-        if prop.identifier == "use_nodes":  # says on access that it will be gone
-            continue
-        value = getattr(owner, prop.identifier, None)
-        if prop.type == "POINTER" and value is not None and depth and not isinstance(value, bpy.types.ID):
-            found[prop.identifier] = settings(value, depth - 1)
-        elif prop.type not in ("POINTER", "COLLECTION") and not prop.is_readonly:
-            found[prop.identifier] = tuple(value) if value is not None and getattr(prop, "is_array", False) else value
+        if prop.type in ("POINTER", "COLLECTION") or prop.is_readonly or prop.identifier == "use_nodes":
+            continue  # the last says on access that it will be gone
+        value = getattr(owner, prop.identifier)
+        found[prop.identifier] = tuple(value) if getattr(prop, "is_array", False) else value
     return found
+
+
+def below(datablock) -> list:
+    """Where the settings are that renders look at."""
+    paths = ("render", "render.image_settings", "cycles", "lobe", "view_settings")
+    return [datablock, *(datablock.path_resolve(path) for path in paths if hasattr(datablock, path.split(".")[0]))]
 
 
 def state(scene) -> dict:
@@ -49,7 +52,7 @@ def state(scene) -> dict:
     trees = [sorted(f"{link.from_socket.path_from_id()} {link.to_socket.path_from_id()}" for link in tree.links)
              for tree in bpy.data.node_groups]  # fmt: skip
     return {
-        **{f"{thing.bl_rna.identifier} {thing.name}": settings(thing) for thing in things},
+        "settings": {thing.name: [settings(owner) for owner in below(thing)] for thing in things},
         "links": trees,
         "nodes": [sorted(tree.nodes.keys()) for tree in bpy.data.node_groups],
         "handlers": [list(v) for v in map(bpy.app.handlers.__getattribute__, dir(bpy.app.handlers)) if type(v) is list],
