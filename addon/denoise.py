@@ -17,7 +17,6 @@ import numpy as np
 
 DEVICE_CPU = 1
 FORMAT_FLOAT3 = 3
-CANCELLED = 6
 
 # The pattern of the library's file, in the folders below Blender's own that may hold it.
 FILES = {"win32": "OpenImageDenoise.dll", "darwin": "libOpenImageDenoise*.dylib"}.get(
@@ -113,7 +112,14 @@ class _Device:
         """The filter for ray traced pictures, by the names that it has for them; fills "output"."""
         library = self._library
         self._check()
-        monitor = _PROGRESS(lambda _, __: not stop())  # must live for as long as the filter does
+        stopped = False
+
+        @_PROGRESS  # must live for as long as the filter does
+        def monitor(_, done: float) -> bool:
+            nonlocal stopped
+            stopped = stopped or stop()
+            return not stopped
+
         filter_ = library.oidnNewFilter(self._device, b"RT")
         try:
             for name, image in images.items():
@@ -126,6 +132,8 @@ class _Device:
             library.oidnSetFilterProgressMonitorFunction(filter_, monitor, None)
             library.oidnCommitFilter(filter_)
             library.oidnExecuteFilter(filter_)  # without Python's lock
+            if stopped:  # version 2.3.0 doesn't always say so, nor stop
+                raise DenoiseStopped
             self._check()
         finally:
             library.oidnReleaseFilter(filter_)
@@ -133,8 +141,6 @@ class _Device:
     def _check(self) -> None:
         message = _TEXT()
         code = self._library.oidnGetDeviceError(self._device, ctypes.byref(message))
-        if code == CANCELLED:
-            raise DenoiseStopped
         if code:
             raise DenoiseError(f"OpenImageDenoise failed: {(message.value or b'').decode(errors='replace')}")
 
