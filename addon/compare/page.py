@@ -56,14 +56,15 @@ for (const box of document.querySelectorAll(".slider")) {
 """
 HOW = """
 Each engine has rendered the scene twice, with two seeds; the times are those of the quicker of the two. Half the mean
-squared difference of two seeds is the noise of one picture. The product of two differences between the engines, each of
-other seeds, is free of noise: what it leaves is the true difference. All of these are relative squared errors (relMSE),
-divided by the squared brightness + 0.01 that the mean of all four renders has around each pixel. Noise falls like
-1 / samples, so to the noise of Lobe's picture Cycles would need noise(Cycles) / noise(Lobe) times the sampling time
-that it took here: that, with its preparation, over Lobe's time is the speed-up at equal error. Its standard error comes
-from the noise alone, by its spread over the pixels, which a few bright specks make large; how much the times wander is
-not in it. FLIP (Andersson et al. 2020) says how different the two pictures look to someone who flips between them on a
-screen: 0 alike, 1 as different as can be. It is taken of the pictures as shown, noise included.
+squared difference of two seeds is the noise of one picture. The product of two differences between the engines, each
+of other seeds, is free of noise: what it leaves is the true difference; the map of it shows the mean of both seeds.
+All of these are relative squared errors (relMSE), divided by the squared brightness + 0.01 that the mean of all four
+renders has around each pixel. Noise falls like 1 / samples, so to the noise of Lobe's picture Cycles would need
+noise(Cycles) / noise(Lobe) times the sampling time that it took here: that, with its preparation, over Lobe's time is
+the speed-up at equal error. Its standard error comes from the noise alone, by its spread over the pixels, which a few
+bright specks make large; how much the times wander is not in it. FLIP (Andersson et al. 2020) says how different the
+two pictures look to someone who flips between them on a screen: 0 alike, 1 as different as can be. It is taken of the
+pictures as shown, noise included.
 """
 
 
@@ -190,7 +191,7 @@ def _table(rows: list[tuple[str, ...]]) -> str:
 def _maps(outcome: Outcome) -> str:
     end = f"{outcome.difference_range:.0%}"
     maps = (
-        ("difference", f"Mean of both seeds: Cycles brighter, {end}{_bar(pictures.SIGNS)}{end}, Lobe brighter"),
+        ("difference", f"Cycles brighter, {end}{_bar(pictures.SIGNS)}{end}, Lobe brighter"),
         ("flip", f"FLIP of the pictures above: 0{_bar(pictures.MAGMA)}1"),
     )
     figures = "".join(
