@@ -1,4 +1,5 @@
-"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own).
+"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own), and
+what the add-on does by itself: the viewport's samples, and denoising.
 
 Defaults and ranges are the engine's, so they cannot drift apart; names, units and costs for the user stand here.
 """
@@ -89,6 +90,13 @@ class LobeSettings(bpy.types.PropertyGroup):
         step=0.1,
         soft_max=0.1,
         **_limits("adaptive_threshold"),
+    )
+    use_denoising: BoolProperty(
+        name="Denoise",
+        description="Smooth the noise that is left in the finished picture with OpenImageDenoise, which Blender "
+        "brings. Takes some seconds and a gigabyte of memory for a picture of full HD, and fine detail where the noise "
+        "is strong",
+        default=False,
     )
     max_bounces: IntProperty(
         name="Total",

@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import engine as lobe
 from . import scene_report
+from .denoise import DenoiseError, DenoiseStopped, denoise
 from .export import ExportStopped, Notes, export_scene, export_settings
 from .memory import current_and_peak_mb
 from .report import add_layer
@@ -47,6 +48,7 @@ class Session:
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
+        self.denoising = not engine.is_preview and depsgraph.scene_eval.lobe.use_denoising
         self.notes = Notes()
         self.scene_key = None if engine.is_preview else scene_report.key(depsgraph.scene)
         self.scene: lobe.Scene | None = None  # None when the user cancelled the export
@@ -70,6 +72,8 @@ class Session:
             if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
                 report["stopped"] = True
             else:
+                if self.denoising and not result.stopped:
+                    self._denoise(result)
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)
@@ -82,6 +86,20 @@ class Session:
             picture.close(discard=not finished)
         if result is not None:
             _stamp(self.engine, report)
+
+    def _denoise(self, result: lobe.Result) -> None:
+        """The picture's colour, in its place; alpha stays. Where that can't be done the picture stays noisy."""
+        self.engine.update_stats("", "Denoising")
+        start = time.perf_counter()
+        try:
+            color = denoise(result.pixels[..., :3], threads=self.settings.threads, stop=self.cancelled)
+        except DenoiseError as error:
+            result.warnings.append(f"the picture is not denoised: {error}")
+        except DenoiseStopped:
+            result.stopped = True
+        else:
+            result.pixels = np.concatenate([color, result.pixels[..., 3:]], axis=-1)
+        result.seconds["denoise"] = time.perf_counter() - start
 
     def cancelled(self) -> bool:
         return self.engine.test_break()

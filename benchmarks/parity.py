@@ -3,7 +3,7 @@
     python benchmarks/parity.py all
     python benchmarks/parity.py many_lights --against REFERENCE --samples 1024 --seeds 16
 
-Both render with the fair settings of tools/cycles_peer.py, the box filter, equal bounces and samples; Phong surfaces
+Both render with the fair settings of addon/compare/peer.py, the box filter, equal bounces and samples; Phong surfaces
 in Cycles are the exact Open Shading Language peer. The statistics are those of tools/metrics.py. Resolution and samples
 are those of PLANS unless given.
 

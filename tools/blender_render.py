@@ -13,7 +13,6 @@ import re
 import resource
 import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -219,23 +218,17 @@ def _peak_memory_mb() -> float:
 def picture(scene, report: dict | None = None) -> np.ndarray:
     """The Render Result, (h, w, 4) float32, row 0 at the top, scene-linear, premultiplied alpha.
 
-    Through an uncompressed file: exact, and at 1920x1080 a tenth of the time of reading a Viewer node's pixels.
     Fills Cycles' times into `report`.
     """
-    import bpy
-    import OpenImageIO as oiio
+    from bl_ext.user_default.lobe.addon.compare import pictures
 
-    folder_in_blenders = tempfile.TemporaryDirectory(dir=bpy.app.tempdir, prefix=_temporary_prefix())
-    with folder_in_blenders as folder, _image_settings(scene, "OPEN_EXR", "RGBA", "32", exr_codec="NONE"):
-        path = str(Path(folder, "picture.exr"))
-        bpy.data.images["Render Result"].save_render(path, scene=scene)
-        buffer = oiio.ImageBuf(path)
-        pixels = buffer.get_pixels(oiio.FLOAT)
-        if pixels is None or pixels.size == 0:
-            raise ToolError(f"the rendered picture could not be read: {buffer.geterror()}")
-        if report is not None and report["engine"] == "CYCLES":
-            _fill_cycles_times(report, {a.name: a.value for a in buffer.spec().extra_attribs})
-    return np.asarray(pixels, np.float32)
+    try:
+        pixels, metadata = pictures.rendered(scene, _temporary_prefix())
+    except RuntimeError as error:
+        raise ToolError(str(error)) from error
+    if report is not None and report["engine"] == "CYCLES":
+        _fill_cycles_times(report, metadata)
+    return pixels
 
 
 def remove_temporary_files() -> None:
@@ -255,18 +248,10 @@ def _temporary_prefix() -> str:
 
 
 def _fill_cycles_times(report: dict, metadata: dict) -> None:
-    for key, value in metadata.items():
-        for name, phase in (("render_time", "render"), ("synchronization_time", "export")):
-            if key.startswith("cycles.") and key.endswith(f".{name}"):
-                report["seconds"][phase] = (report["seconds"][phase] or 0.0) + _clock_seconds(str(value))
+    from bl_ext.user_default.lobe.addon.compare.run import cycles_seconds
 
-
-def _clock_seconds(text: str) -> float:
-    """Seconds of "01:02.34" or "1:01:02.34"."""
-    seconds = 0.0
-    for part in text.split(":"):
-        seconds = seconds * 60 + float(part)
-    return seconds
+    for name, phase in (("render_time", "render"), ("synchronization_time", "export")):
+        report["seconds"][phase] = cycles_seconds(metadata, name)
 
 
 # --- pictures -------------------------------------------------------------------------------------------------
@@ -275,9 +260,10 @@ def _clock_seconds(text: str) -> float:
 def save_png(scene, path: Path) -> None:
     """The Render Result through the file's view transform, eight bits; alpha where the film is transparent."""
     import bpy
+    from bl_ext.user_default.lobe.addon.compare.pictures import image_settings
 
     mode = "RGBA" if scene.render.film_transparent else "RGB"
-    with _image_settings(scene, "PNG", mode, "8"):
+    with image_settings(scene, "PNG", mode, "8"):
         try:
             bpy.data.images["Render Result"].save_render(
                 str(path.resolve()), scene=scene
@@ -300,23 +286,6 @@ def save_exr(path: Path, pixels: np.ndarray, metadata: dict[str, str | float | i
     if output is None or not output.open(str(path), spec) or not output.write_image(np.ascontiguousarray(pixels)):
         raise ToolError(f"{str(path)!r} cannot be written: {output.geterror() if output else oiio.geterror()}")
     output.close()
-
-
-@contextlib.contextmanager
-def _image_settings(scene, file_format: str, mode: str, depth: str, **others) -> Iterator[None]:
-    """Blender's output format, for the while."""
-    settings = scene.render.image_settings
-    wanted = {"file_format": file_format, "color_mode": mode, "color_depth": depth, **others}
-    if hasattr(settings, "media_type"):  # 5.0 and later; decides which formats there are
-        wanted = {"media_type": "IMAGE", **wanted}
-    before = {key: getattr(settings, key) for key in wanted}
-    try:
-        for key, value in wanted.items():
-            setattr(settings, key, value)
-        yield
-    finally:
-        for key, value in before.items():
-            setattr(settings, key, value)
 
 
 # --- standard output ------------------------------------------------------------------------------------------

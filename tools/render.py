@@ -69,11 +69,9 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}\n")
 
 
-def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    parser = Parser(prog="render.py", description=(__doc__ or "").splitlines()[0])
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """The file, and what of it is rendered."""
     parser.add_argument("file", type=Path, metavar="FILE.blend")
-    parser.add_argument("--engine", type=str.upper, choices=br.ENGINES, default="LOBE",
-                        help="default: LOBE, whatever engine the file has")  # fmt: skip
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), metavar="N", help="per pixel; default: the file's")
     parser.add_argument("--seed", type=whole_number(-(1 << 31), (1 << 31) - 1), metavar="N",
                         help="another seed is another picture of the same noise; default: the file's")  # fmt: skip
@@ -84,10 +82,17 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--set", action="append", default=[], metavar="scene.lobe.KEY=VALUE", dest="assignments",
                         help="any setting of Lobe, or of Blender as scene.render.KEY or scene.cycles.KEY; "
                         "may be given again")  # fmt: skip
+    parser.add_argument("--scene", metavar="NAME", help="a scene of the file other than the active one")
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    parser = Parser(prog="render.py", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--engine", type=str.upper, choices=br.ENGINES, default="LOBE",
+                        help="default: LOBE, whatever engine the file has")  # fmt: skip
+    add_scene_arguments(parser)
     parser.add_argument("--as-is", action="store_true",
                         help="with --engine CYCLES: keep the file's Cycles settings and materials, instead of the "
                         "fair settings, Lobe's bounces and filter, and the exact Phong shader")  # fmt: skip
-    parser.add_argument("--scene", metavar="NAME", help="a scene of the file other than the active one")
     parser.add_argument("--check", action="store_true",
                         help="render nothing: print what the file holds that Lobe does not draw as asked")  # fmt: skip
     parser.add_argument("-o", "--output", action="append", default=[], type=output_path, metavar="OUT.png|OUT.exr",
@@ -192,7 +197,14 @@ def metadata(options: argparse.Namespace, report: dict) -> dict[str, str | float
     }
 
 
-def _check_output(path: Path) -> None:
+def check_file(path: Path) -> None:
+    """Before the seconds that Blender takes to start."""
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise br.ToolError(f"{str(path)!r} {what}: expected a .blend file")
+
+
+def check_output(path: Path) -> None:
     """Before the time that a render takes: make the folder, and see that a file can be written there."""
     folder = path.parent
     try:
@@ -209,11 +221,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     with br.quiet_stdout() as say:
         try:
-            if not options.file.is_file():  # before the seconds that Blender takes to start
-                what = "is a folder" if options.file.is_dir() else "does not exist"
-                raise br.ToolError(f"{str(options.file)!r} {what}: expected a .blend file")
+            check_file(options.file)
             for path in options.output:
-                _check_output(path)
+                check_output(path)
             enable_lobe()
             at_interrupt.append(br.remove_temporary_files)
             if options.check:

@@ -6,6 +6,7 @@ import bpy
 
 from .panel import LobePanel
 from .presets import LOBE_PT_sampling_presets
+from .text import draw_text
 
 
 class _Panel(LobePanel):
@@ -46,6 +47,18 @@ class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
         column = column.column(align=True)
         column.prop(lobe, "samples", text="Max Samples" if lobe.use_adaptive_sampling else "Samples")
         column.prop(lobe, "time_limit")
+
+
+class LOBE_RENDER_PT_sampling_render_denoise(_Panel, bpy.types.Panel):
+    bl_label = "Denoise"
+    bl_parent_id = "LOBE_RENDER_PT_sampling_render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context):
+        self.layout.prop(context.scene.lobe, "use_denoising", text="")
+
+    def draw(self, context):
+        draw_text(self.layout, context, "With OpenImageDenoise, at the end of the render")
 
 
 class LOBE_RENDER_PT_sampling_advanced(_Panel, bpy.types.Panel):
@@ -173,6 +186,7 @@ CLASSES = (
     LOBE_RENDER_PT_sampling,
     LOBE_RENDER_PT_sampling_viewport,
     LOBE_RENDER_PT_sampling_render,
+    LOBE_RENDER_PT_sampling_render_denoise,
     LOBE_RENDER_PT_sampling_advanced,
     LOBE_RENDER_PT_light_paths,
     LOBE_RENDER_PT_light_paths_max_bounces,

@@ -144,7 +144,7 @@ def forget(folder: Path, scene: Path) -> None:
 def fingerprints() -> dict[str, str]:
     """What an engine's renders depend on besides the job: for Lobe its code, for Cycles what the tools set in it."""
     lobe = b"".join(path.read_bytes() for path in lobe_blender.product_files())
-    peer = Path(br.cycles_peer.__file__).read_bytes()
+    peer = br.cycles_peer.SOURCE.read_bytes()
     version = lobe_blender.blender_version()
     return {"LOBE": digest(version.encode() + lobe), "CYCLES": digest(version.encode() + peer)}
 

@@ -93,14 +93,16 @@ def test_a_failing_registration_is_undone(disabled, monkeypatch) -> None:
 def test_settings_mirror_the_engine() -> None:
     properties = bpy.types.Scene.bl_rna.properties["lobe"].fixed_type.properties
     shown = {rna.identifier for rna in properties if rna.identifier not in ("rna_type", "name")}
-    assert shown == {*Settings.__dataclass_fields__, "viewport_samples"} - {"threads"}
+    assert shown == {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads"}
     for key in shown:
         rna = properties[key]
         assert rna.description and not rna.description.endswith("."), key
         if key in CHOICES:
             assert tuple(rna.enum_items.keys()) == CHOICES[key]
             assert all(item.description for item in rna.enum_items)
-        if key == "viewport_samples":  # the add-on's own: the samples of a viewport
+        if key == "use_denoising":  # the add-on's own
+            continue
+        if key == "viewport_samples":  # this too: the samples of a viewport
             key = "samples"
         else:
             assert getattr(bpy.context.scene.lobe, key) == pytest.approx(getattr(Settings(), key))

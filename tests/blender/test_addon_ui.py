@@ -64,7 +64,7 @@ def draw(cls: type, context) -> list[tuple[str, str]]:
 
 def fake_context(**values) -> SimpleNamespace:
     context = SimpleNamespace(scene=bpy.context.scene, engine="LOBE", view_layer=bpy.context.view_layer, region=None)
-    context.preferences = bpy.context.preferences
+    context.preferences, context.window_manager = bpy.context.preferences, bpy.context.window_manager
     context.light = context.object = context.world = context.material = None
     context.__dict__.update(values)
     return context
@@ -76,7 +76,7 @@ def test_every_setting_is_shown_once(classes) -> None:
     context = fake_context()
     shown = [s for c in classes if c.bl_context == "render" and c.poll(context) for s in draw(c, context)]
     settings = [name for owner, name in shown if owner == "LobeSettings"]
-    expected = {*Settings.__dataclass_fields__, "viewport_samples"} - {"threads"}
+    expected = {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads"}
     assert sorted(settings) == sorted(expected)
     assert {("RenderSettings", "threads"), ("RenderSettings", "film_transparent")} <= set(shown)
 
@@ -277,3 +277,23 @@ def test_a_preset_of_ones_own() -> None:
         assert lobe.samples == 77
     finally:
         file.unlink()
+
+
+def test_the_comparison(classes) -> None:
+    panel, unmatched = (find(classes, f"LOBE_RENDER_PT_compare{which}") for which in ("", "_unmatched"))
+    module = sys.modules[f"{MODULE}.addon.compare"]
+    operators = sys.modules[f"{MODULE}.addon.compare.operators"]
+    context = fake_context()
+    assert ("operator", "lobe.compare_with_cycles") in draw(panel, context) and not unmatched.poll(context)
+    assert ("operator", "lobe.open_comparison") not in draw(panel, context)
+    figures = module.run.Figures(0.01, 0.002, 0.1, 0.001, 0.0005, 0.02, 0.04, 0.05, 3.25, 3.5, 0.1)
+    both = {"LOBE": module.run.Timing(1.0, 0.9), "CYCLES": module.run.Timing(2.0, 1.9)}
+    operators._outcomes[context.scene.session_uid] = module.Outcome(
+        "Scene", (8, 8), 0.0, {"LOBE": 4.0, "CYCLES": 4.0}, both, figures, {}, 0.5, [], ["bump is not drawn"], "2"
+    )
+    shown = texts(panel, context)
+    assert "Speed-up" in shown and "3.25 ± 0.33 x" in shown and "+1.00% ± 0.20%" in shown
+    assert not any(long in shown for long in sys.modules[panel.__module__].SHORT)
+    assert ("operator", "lobe.open_comparison") in draw(panel, context)
+    assert unmatched.poll(context) and "bump is not drawn" in texts(unmatched, context)
+    operators._outcomes.clear()

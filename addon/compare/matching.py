@@ -1,0 +1,164 @@
+"""Makes both engines render the same scene in the same way, and lists what was changed for that and what can't be."""
+
+from __future__ import annotations
+
+import bpy
+
+from .. import scene_report
+from ..export.notes import ERROR, WARNING
+from . import peer
+from .keeping import Change, Keeper
+
+UNLIMITED = 65536  # samples, where the time is what ends a render
+# What changes the noise, or the time, of Lobe alone.
+LOBES_OWN = ("hemisphere_sampling", "lobe_selection", "road")
+OSL_IS_SLOWER = (
+    "For the exact Phong lobe Cycles shades with Open Shading Language, which slows it: with a Glossy BSDF it would "
+    "take less time, and draw something else"
+)
+# Whose settings are shown: the rest is Blender's own, and changes no figure.
+ENGINES = {"cycles": "Cycles", "lobe": "Lobe"}
+
+
+class CompareError(Exception):
+    """The comparison can't be made; the text says why and what to do."""
+
+
+def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
+    """Settings of both engines for a comparison: of equal samples, Lobe's, or where `seconds` isn't 0 of equal time.
+
+    Returns what can't be matched, so far.
+    """
+    if not hasattr(scene, "cycles"):
+        raise CompareError("Cycles is not enabled in this Blender: tick 'Cycles Render Engine' in Preferences, Add-ons")
+    if scene.camera is None:
+        raise CompareError("the scene has no camera")
+    lobe, render = scene.lobe, scene.render
+    if seconds:
+        keeper.put(lobe, "samples", UNLIMITED)
+    keeper.put(lobe, "time_limit", seconds)
+    for key in ("use_adaptive_sampling", "use_denoising"):  # their thresholds don't mean the same, nor their filters
+        if hasattr(lobe, key):
+            keeper.put(lobe, key, False)
+    missing = _left_out(render)
+    for key in ("use_compositing", "use_sequencer", "use_multiview", "use_persistent_data"):
+        keeper.put(render, key, False)
+    if render.use_border:
+        keeper.put(render, "use_crop_to_border", True)
+    # Adds an entry to the metadata in place of the file's path.
+    keeper.put(render, "use_stamp_filename", False)
+    missing += _linked_objects() + _bare_objects(scene)
+    peer.apply_fair_settings(scene, keeper.put)
+    peer.copy_lobe_settings(scene, keeper.put)
+    keeper.put(scene.cycles, "time_limit", seconds)
+    missing += _phong(scene, keeper)
+    return missing + [
+        f"Lobe's {lobe.bl_rna.properties[key].name} is {getattr(lobe, key).capitalize()}, for which Cycles has nothing"
+        for key in LOBES_OWN
+        if lobe.is_property_set(key) and getattr(lobe, key) != lobe.bl_rna.properties[key].default
+    ]
+
+
+def _left_out(render) -> list[str]:
+    """What Blender would do to both pictures afterwards, and a comparison must not show."""
+    found = []
+    scene = render.id_data
+    tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
+    if render.use_compositing and tree is not None and getattr(scene, "use_nodes", True):
+        found.append("The compositor is left out")
+    editor = scene.sequence_editor
+    strips = "strips" if hasattr(editor, "strips") else "sequences"  # the former from Blender 4.4 on
+    if render.use_sequencer and editor is not None and len(getattr(editor, strips)):
+        found.append("The video sequencer is left out")
+    if render.use_multiview:
+        found.append("Of a stereo picture only the centre view is compared")
+    return found
+
+
+def _linked_objects() -> list[str]:
+    """Objects of other files, whose settings can't be changed."""
+    names = [
+        obj.name
+        for obj in bpy.data.objects
+        if obj.library is not None
+        and obj.type == "MESH"
+        and any(getattr(peer.shadow_terminator(obj), key) for key in peer.terminator_offsets(obj))
+    ]
+    if not names:
+        return []
+    return [f"Linked objects keep Cycles' shadow terminator offset, which Lobe doesn't have: {_listed(names)}"]
+
+
+def _bare_objects(scene) -> list[str]:
+    names = [
+        obj.name
+        for obj in scene.objects
+        if obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT")
+        and not obj.hide_render
+        and (not obj.material_slots or any(slot.material is None for slot in obj.material_slots))
+    ]
+    if not names:
+        return []
+    return [f"Without a material Lobe draws a diffuse surface, and Cycles a Principled BSDF: {_listed(names)}"]
+
+
+def _phong(scene, keeper: Keeper) -> list[str]:
+    """The exact Phong lobe in Cycles, where it can do that; else its own stand-in is what it draws."""
+    groups = peer.phong_groups()
+    names = _listed([tree.name for tree in groups])
+    stand_in = f"Cycles draws the node group {names} with a Glossy BSDF that only comes near the Phong lobe"
+    if not groups:
+        return []
+    if any(tree.library is not None for tree in groups):
+        return [f"{stand_in}: it is linked from another file"]
+    try:
+        peer.use_osl_phong(scene, keeper.put, keeper.at_end)
+    except (ImportError, AttributeError, RuntimeError) as error:
+        return [f"{stand_in}: this Blender's Cycles has no Open Shading Language ({error})"]
+    return [OSL_IS_SLOWER]
+
+
+def _listed(names: list[str], most: int = 8) -> str:
+    more = len(names) - most
+    return ", ".join(repr(name) for name in names[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def not_drawn(scene) -> list[str]:
+    """What Lobe, in its newest render of the scene, did not draw as asked: there the pictures differ in earnest."""
+    report = scene_report.report_of(scene)
+    groups = report.of_level(ERROR, WARNING) if report is not None else []
+    return [(f"{group.kind} {_listed(list(group.names))}: " if group.names else "") + group.what for group in groups]
+
+
+def changed(changes: list[Change]) -> list[tuple[str, str, str]]:
+    """(setting, as it was, in the comparison): those of the scene one by one, those of objects and materials counted.
+
+    The last value of a setting that was changed twice.
+    """
+    settings: dict[tuple, tuple[str, str, str]] = {}
+    counted: dict[tuple[str, str], tuple[set[int], str]] = {}
+    for change in changes:
+        if change.kind != "Scene":
+            found = counted.setdefault((change.kind, change.label), (set(), _shown(change.during)))
+            found[0].add(change.datablock)
+        elif change.path in ENGINES and change.key != "seed":  # of which each render has another
+            place = change.path, change.key
+            before = settings[place][1] if place in settings else _shown(change.before)
+            settings[place] = f"{ENGINES[change.path]}: {change.label}", before, _shown(change.during)
+    rows = [row for row in settings.values() if row[1] != row[2]]
+    for (kind, label), (datablocks, during) in counted.items():
+        number = len(datablocks)
+        rows.append(
+            (f"{kind}: {label}", f"{number} {kind.lower()}{'s' if number > 1 else ''} of another value", during)
+        )
+    return rows
+
+
+def _shown(value) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if not isinstance(value, str) or len(value) <= 3:  # "CPU"
+        return str(value)
+    return value.replace("_", " ").capitalize()

@@ -1,0 +1,165 @@
+"""Cycles as Lobe's peer: the settings that make a comparison fair, and an exact Phong BRDF for the `Phong BSDF` group.
+
+Used by "Compare with Cycles", and through tools/cycles_peer.py by the tools, the benchmarks and the scripts of
+sample_blends/. Every setting that is touched here is one that changes the expected picture, not its speed; Cycles
+keeps its own sampling pattern, light tree and ray acceleration as they are.
+
+put(owner, key, value) makes each change, so that whoever wants to can take it back; nothing is ever saved to a file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+Put = Callable[[object, str, object], None]
+
+PHONG_GROUP_NAME = "Phong BSDF"
+OSL_NODE_NAME = "Phong peer (Open Shading Language)"
+
+# `phong_ramp` with eight equal colours is ks (n + 2) / (2 pi) cos^n(alpha), see Cycles' closure/bsdf_phong_ramp.h.
+OSL_SOURCE = """shader phong(color kd = 0, color ks = 1, float n = 10, output closure color BSDF = 0)
+{
+    color ramp[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+    BSDF = kd * diffuse(N) + ks * phong_ramp(N, n, ramp);
+}
+"""
+
+# What Lobe does not have, or does not do unless asked: off. REFERENCE of each value: Cycles' own documentation.
+FAIR = {
+    "use_adaptive_sampling": False,
+    "use_denoising": False,
+    "sample_clamp_direct": 0.0,
+    "sample_clamp_indirect": 0.0,
+    "light_sampling_threshold": 0.0,
+    "blur_glossy": 0.0,
+    "caustics_reflective": True,
+    "caustics_refractive": True,
+    "use_fast_gi": False,
+    "use_guiding": False,
+    "use_camera_cull": False,
+    "use_distance_cull": False,
+    "time_limit": 0.0,
+    "use_sample_subset": False,
+    "use_animated_seed": False,
+    "transparent_max_bounces": 1024,
+    "direct_light_sampling_type": "MULTIPLE_IMPORTANCE_SAMPLING",
+    "device": "CPU",
+}
+
+
+def apply_fair_settings(scene, put: Put = setattr) -> None:
+    """Set `scene.cycles`, and the objects and materials of `scene`'s file, to what REFERENCE section 4 lists.
+
+    Bounces, filter, samples and seed are not touched: see `copy_lobe_settings`.
+    """
+    import bpy
+
+    for key, value in FAIR.items():
+        if hasattr(scene.cycles, key):  # older and newer versions lack some
+            put(scene.cycles, key, value)
+    for obj in bpy.data.objects:
+        if obj.library is None:
+            for key in terminator_offsets(obj):
+                put(shadow_terminator(obj), key, 0.0)
+    for material in bpy.data.materials:
+        if material.library is None:
+            put(material.cycles, "emission_sampling", "FRONT_BACK")
+
+
+def terminator_offsets(obj) -> tuple[str, str]:
+    """The names of an object's two offsets."""
+    shading = "shadow_terminator_shading_offset"  # in Blender 4.2 "shadow_terminator_offset"
+    if not hasattr(shadow_terminator(obj), shading):
+        shading = "shadow_terminator_offset"
+    return "shadow_terminator_geometry_offset", shading
+
+
+def shadow_terminator(obj):
+    """What holds an object's shadow terminator offsets: the object itself, in Blender 4.2 its Cycles settings."""
+    return obj if hasattr(obj, "shadow_terminator_geometry_offset") else obj.cycles
+
+
+def copy_lobe_settings(scene, put: Put = setattr) -> None:
+    """Give Cycles the bounces, filter, clamps, samples and seed that `scene.lobe` holds.
+
+    Bounces mean the same in both (see tests/tools/test_cycles_peer.py).
+    """
+    lobe = scene.lobe
+    for key, value in {
+        "max_bounces": lobe.max_bounces,
+        "diffuse_bounces": lobe.diffuse_bounces,
+        "glossy_bounces": lobe.glossy_bounces,
+        "transmission_bounces": lobe.max_bounces,
+        "min_light_bounces": 0,
+        "min_transparent_bounces": 0,
+        "pixel_filter_type": lobe.pixel_filter,
+        "filter_width": lobe.filter_width,
+        "samples": lobe.samples,
+        "seed": lobe.seed,
+        "sample_clamp_direct": lobe.clamp_direct,
+        "sample_clamp_indirect": lobe.clamp_indirect,
+    }.items():
+        put(scene.cycles, key, value)
+
+
+def phong_groups() -> list:
+    """The node groups that hold a Phong BRDF for Lobe."""
+    import bpy
+
+    groups = [tree for tree in bpy.data.node_groups if tree.bl_idname == "ShaderNodeTree"]
+    named = [tree for tree in groups if tree.name == PHONG_GROUP_NAME]  # which can be somebody else's
+    named = [tree for tree in named if {"kd", "ks", "exponent"} <= set(tree.interface.items_tree.keys())]
+    return [tree for tree in groups if tree.get("lobe_phong") or tree in named]
+
+
+def use_osl_phong(scene, put: Put = setattr, at_end: Callable[[Callable[[], None]], None] = lambda undo: None) -> bool:
+    """Put the exact Phong closure into every `Phong BSDF` group and switch Cycles to Open Shading Language.
+
+    at_end is given what undoes each change of a group. Returns whether the file has such a group; without one the
+    shading system stays as it is (it is the faster).
+    """
+    groups = phong_groups()
+    for tree in groups:
+        node = tree.nodes.get(OSL_NODE_NAME)
+        if node is None:
+            node = _add_osl_node(tree)
+            at_end(lambda tree=tree: tree.nodes.remove(tree.nodes[OSL_NODE_NAME]))
+        output = next(n for n in tree.nodes if n.bl_idname == "NodeGroupOutput").inputs[0]
+        for old in output.links:  # one at most
+            at_end(lambda tree=tree, source=old.from_socket, output=output: tree.links.new(source, output))
+        tree.links.new(node.outputs["BSDF"], output)
+    if groups:
+        put(scene.cycles, "shading_system", True)
+    return bool(groups)
+
+
+def _add_osl_node(tree):
+    """A script node with compiled code and sockets made by hand: the bpy wheel lacks `oslquery`, which does this."""
+    bytecode = _compile_osl(OSL_SOURCE)  # before the node: this may fail
+    node = tree.nodes.new("ShaderNodeScript")
+    node.name = node.label = OSL_NODE_NAME
+    node.mode = "INTERNAL"
+    node.bytecode = bytecode
+    node.bytecode_hash = hashlib.md5(node.bytecode.encode()).hexdigest()
+    for kind, name in (("NodeSocketColor", "kd"), ("NodeSocketColor", "ks"), ("NodeSocketFloat", "n")):
+        node.inputs.new(type=kind, name=name, identifier=name)
+    node.outputs.new(type="NodeSocketShader", name="BSDF", identifier="BSDF")
+
+    inputs = next(n for n in tree.nodes if n.bl_idname == "NodeGroupInput").outputs
+    for name, socket in (("kd", "kd"), ("ks", "ks"), ("exponent", "n")):
+        tree.links.new(inputs[name], node.inputs[socket])
+    return node
+
+
+def _compile_osl(source: str) -> str:
+    import _cycles
+
+    with tempfile.TemporaryDirectory() as folder:
+        osl, oso = Path(folder, "phong.osl"), Path(folder, "phong.oso")
+        osl.write_text(source)
+        if not _cycles.osl_compile(str(osl), str(oso)):
+            raise RuntimeError("Cycles could not compile the Open Shading Language Phong shader")
+        return oso.read_text()

@@ -1,0 +1,312 @@
+"""Compare with Cycles inside Blender: real renders of small pictures, and what is left of them afterwards."""
+
+from __future__ import annotations
+
+import sys
+
+import addon_utils
+import bpy
+import numpy as np
+import pytest
+
+from tests.blender.export_checks import new_material
+from tools.lobe_blender import MODULE
+
+compare = sys.modules[f"{MODULE}.addon.compare"]
+operators = sys.modules[f"{MODULE}.addon.compare.operators"]
+peer = sys.modules[f"{MODULE}.addon.compare.peer"]
+
+
+@pytest.fixture
+def scene(simple_scene):
+    """A lamp lights a floor: both engines have noise there."""
+    simple_scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.1, 0.1, 0.1, 1.0)
+    bpy.ops.mesh.primitive_plane_add(size=20, location=(0, 5, -1))
+    bpy.context.object.data.materials.append(new_material("Floor", "ShaderNodeBsdfDiffuse")[0])
+    bpy.ops.object.light_add(type="AREA", location=(0, 4, 2))
+    bpy.context.object.data.energy = 100.0
+    bpy.context.object.data.size = 3.0
+    simple_scene.lobe.pixel_filter = "BLACKMAN_HARRIS"
+    return simple_scene
+
+
+def settings(owner) -> dict:
+    """All that can be set, of a datablock or a group of properties."""
+    found = {}
+    for prop in owner.bl_rna.properties:
+        if prop.type in ("POINTER", "COLLECTION") or prop.is_readonly or prop.identifier == "use_nodes":
+            continue  # the last says on access that it will be gone
+        value = getattr(owner, prop.identifier)
+        found[prop.identifier] = tuple(value) if getattr(prop, "is_array", False) else value
+    return found
+
+
+def below(datablock) -> list:
+    """Where the settings are that renders look at."""
+    paths = ("render", "render.image_settings", "cycles", "lobe", "view_settings")
+    return [datablock, *(datablock.path_resolve(path) for path in paths if hasattr(datablock, path.split(".")[0]))]
+
+
+def state(scene) -> dict:
+    things = [scene, *bpy.data.objects, *bpy.data.materials]
+    trees = [sorted(f"{link.from_socket.path_from_id()} {link.to_socket.path_from_id()}" for link in tree.links)
+             for tree in bpy.data.node_groups]  # fmt: skip
+    return {
+        "settings": {thing.name: [settings(owner) for owner in below(thing)] for thing in things},
+        "links": trees,
+        "nodes": [sorted(tree.nodes.keys()) for tree in bpy.data.node_groups],
+        "handlers": [list(v) for v in map(bpy.app.handlers.__getattribute__, dir(bpy.app.handlers)) if type(v) is list],
+        "scenes": sorted(bpy.data.scenes.keys()),
+    }
+
+
+def upset(scene) -> None:
+    """Settings as a user may have them, none of which a comparison can leave alone."""
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = True
+    scene.cycles.sample_clamp_indirect, scene.cycles.samples, scene.cycles.seed = 10.0, 77, 5
+    scene.cycles.caustics_reflective = False
+    scene.lobe.use_adaptive_sampling, scene.lobe.time_limit, scene.lobe.seed = True, 100.0, 3
+    scene.render.engine = "CYCLES"
+    scene.render.use_border, scene.render.border_max_x = True, 0.5
+    scene.render.use_persistent_data = True
+    scene.render.image_settings.file_format = "JPEG"
+    bpy.data.materials.new("Plain")
+
+
+def slots() -> list[str]:
+    return [slot.name for slot in bpy.data.images["Render Result"].render_slots]
+
+
+def slot_means() -> list[float]:
+    """Of the pictures in the slots "Lobe" and "Cycles"."""
+    image = bpy.data.images["Render Result"]
+    before, found = image.render_slots.active_index, []
+    for name in ("Lobe", "Cycles"):
+        image.render_slots.active_index = slots().index(name)
+        found.append(compare.run.pictures.rendered(bpy.context.scene)[0][..., :3].mean())
+    image.render_slots.active_index = before
+    return found
+
+
+def test_a_comparison(scene) -> None:
+    upset(scene)
+    scene.lobe.samples = 1024
+    before = state(scene)
+    assert bpy.ops.lobe.compare_with_cycles() == {"FINISHED"}
+    assert state(scene) == before
+    outcome = operators.outcome_of(scene)
+    found = outcome.figures
+    assert outcome.size == (16, 24)  # of the border
+    assert outcome.samples == {"LOBE": 1024.0, "CYCLES": 1024.0}
+    assert 0.0 < found.noise_lobe < 0.1 and 0.0 < found.noise_cycles < 0.1
+    assert abs(found.mean_difference) < 0.005 + 4 * found.mean_difference_error
+    assert found.rel_mse > 0.0 and found.speedup > 0.0 and found.flip > 0.0
+    assert all(0.0 < timing.sampling <= timing.total + 0.01 for timing in outcome.times.values())
+    rows = {what: (was, during) for what, was, during in outcome.changed}
+    assert rows["Cycles: Samples"] == ("77", "1024") and rows["Cycles: Use Denoising"] == ("on", "off")
+    assert rows["Cycles: Clamp Indirect"] == ("10", "0") and rows["Lobe: Time Limit"] == ("100", "0")
+    assert not any("Seed" in what for what in rows)  # each render has another one
+    assert outcome.unmatched == []
+
+
+TOO_SHORT = "The renders are too short to be timed, so there is no speed-up: take more samples"
+
+
+def unmatched(scene) -> list[str]:
+    """But for what a busy machine makes of so few samples."""
+    return [line for line in operators.outcome_of(scene).unmatched if line != TOO_SHORT]
+
+
+def test_pictures_are_in_slots_and_side_by_side(scene) -> None:
+    bpy.ops.lobe.compare_with_cycles()
+    assert slots()[:2] == ["Lobe", "Cycles"]
+    bpy.ops.lobe.compare_with_cycles()
+    assert slots()[:2] == ["Lobe", "Cycles"] and "Lobe" not in slots()[2:]
+    outcome = operators.outcome_of(scene)
+    lobe, cycles = slot_means()
+    assert lobe != cycles and lobe == pytest.approx(cycles, rel=0.1)
+    # What the slot of Lobe holds is the picture of F12.
+    bpy.data.images["Render Result"].render_slots.active_index = 4
+    bpy.ops.render.render()
+    assert compare.run.pictures.rendered(scene)[0][..., :3].mean() == lobe
+    image = bpy.data.images[operators.IMAGE]
+    assert tuple(image.size) == (3 * 32 + 2 * 8, 24) and not image.is_dirty
+    pixels = np.array(image.pixels[:]).reshape(24, -1, 4)[::-1]
+    assert pixels[:, :32, :3] * 255 == pytest.approx(decoded(outcome.pictures["lobe"]), abs=0.6)
+    assert pixels[:, -32:, :3] * 255 == pytest.approx(decoded(outcome.pictures["difference"]), abs=0.6)
+
+
+def decoded(content: bytes) -> np.ndarray:
+    import OpenImageIO as oiio
+
+    path = f"{bpy.app.tempdir}test.png"
+    with open(path, "wb") as file:
+        file.write(content)
+    return oiio.ImageBuf(path).get_pixels(oiio.UINT8).astype(float)
+
+
+def test_slots_of_the_user_are_left_alone(scene) -> None:
+    bpy.ops.render.render()
+    result = bpy.data.images["Render Result"].render_slots
+    result[0].name, before = "Mine", compare.run.pictures.rendered(scene)[0]
+    scene.lobe.seed += 1
+    bpy.ops.lobe.compare_with_cycles()
+    assert (slots()[0], slots()[-2:], result.active_index) == ("Mine", ["Lobe", "Cycles"], 0)
+    assert np.array_equal(compare.run.pictures.rendered(scene)[0], before)
+
+
+def test_equal_time(scene) -> None:
+    assert bpy.ops.lobe.compare_with_cycles(mode="TIME", seconds=0.3) == {"FINISHED"}
+    outcome = operators.outcome_of(scene)
+    for timing in outcome.times.values():
+        assert 0.2 < timing.sampling < 2.0
+    assert outcome.samples["LOBE"] > 4.0
+    assert (scene.lobe.samples, scene.lobe.time_limit, scene.cycles.time_limit) == (4, 0.0, 0.0)
+
+
+def test_what_cannot_be_matched_is_listed(scene) -> None:
+    scene.render.use_motion_blur = True
+    scene.lobe.hemisphere_sampling = "UNIFORM"
+    material, diffuse = new_material("Bumpy", "ShaderNodeBsdfDiffuse")
+    bump = material.node_tree.nodes.new("ShaderNodeBump")
+    material.node_tree.links.new(bump.outputs[0], diffuse.inputs["Normal"])
+    bpy.data.objects["Plane"].data.materials[0] = material
+    bpy.ops.mesh.primitive_cube_add(location=(0, 50, 0))
+    scene.view_layers.new("Second")
+    bpy.ops.lobe.compare_with_cycles()
+    listed = unmatched(scene)
+    assert "motion blur is not supported and left out" in listed
+    assert any(line.startswith("material 'Bumpy': ") for line in listed)
+    assert "Of several view layers only 'ViewLayer' is compared" in listed
+    assert "Lobe's Hemisphere is Uniform, for which Cycles has nothing" in listed
+    assert any(line.startswith("Without a material Lobe draws") and line.endswith("'Cube'") for line in listed)
+    assert len(listed) == 5
+    page = compare.html(operators.outcome_of(scene))
+    assert "Bumpy" in page and "motion blur" in page
+
+
+@pytest.fixture
+def phong(scene):
+    group = sys.modules[f"{MODULE}.addon.phong_group"].phong_group()
+    material, node = new_material("Phong", "ShaderNodeGroup")
+    node.node_tree = group
+    material.node_tree.links.new(node.outputs[0], material.node_tree.nodes["Material Output"].inputs["Surface"])
+    bpy.data.objects["Plane"].data.materials[0] = material
+    return scene
+
+
+def test_phong_surfaces_are_exact_in_cycles_for_the_while(phong) -> None:
+    before = state(phong)
+    bpy.ops.lobe.compare_with_cycles()
+    assert state(phong) == before
+    outcome = operators.outcome_of(phong)
+    assert ("Cycles: Open Shading Language", "off", "on") in outcome.changed
+    (line,) = unmatched(phong)
+    assert "Open Shading Language, which slows it" in line
+
+
+def test_without_open_shading_language_that_is_listed(phong, monkeypatch) -> None:
+    before = state(phong)
+
+    def fail(source: str) -> str:
+        raise RuntimeError("no compiler")
+
+    monkeypatch.setattr(peer, "_compile_osl", fail)
+    bpy.ops.lobe.compare_with_cycles()
+    assert state(phong) == before
+    (line,) = unmatched(phong)
+    assert "'Phong BSDF'" in line and "comes near the Phong lobe" in line and "no compiler" in line
+
+
+def test_an_animated_seed_leaves_the_noise_unknown(scene) -> None:
+    scene.lobe.driver_add("seed").driver.expression = "frame"
+    bpy.ops.lobe.compare_with_cycles()
+    outcome = operators.outcome_of(scene)
+    assert np.isnan(outcome.figures.speedup) and outcome.figures.noise_cycles > 0.0
+    assert [line.split(",")[0] for line in unmatched(scene)] == ["Both renders of Lobe are the same"]
+
+
+def test_without_a_camera(scene) -> None:
+    scene.camera = None
+    before = state(scene)
+    with pytest.raises(RuntimeError, match="Lobe can't compare: the scene has no camera"):
+        bpy.ops.lobe.compare_with_cycles()
+    assert state(scene) == before and operators.outcome_of(scene) is None
+
+
+def test_without_cycles(scene) -> None:
+    addon_utils.disable("cycles")
+    try:
+        with pytest.raises(RuntimeError, match=r"Cycles is not enabled in this Blender: tick"):
+            bpy.ops.lobe.compare_with_cycles()
+        assert scene.render.engine == "LOBE"
+    finally:
+        addon_utils.enable("cycles")
+
+
+@pytest.mark.parametrize("failing", [1, 2, 4])
+def test_settings_come_back_after_an_error(phong, monkeypatch, failing) -> None:
+    upset(phong)
+    before = state(phong)
+    whole, calls = operators.render_now, []
+
+    def render(step, *how):
+        calls.append(step.engine)
+        if len(calls) == failing:
+            raise operators.CompareError("it broke")
+        return whole(step, *how)
+
+    monkeypatch.setattr(operators, "render_now", render)
+    with pytest.raises(RuntimeError, match="Lobe can't compare: it broke"):
+        bpy.ops.lobe.compare_with_cycles()
+    assert state(phong) == before and len(calls) == failing
+
+
+def test_settings_come_back_when_it_is_stopped(phong) -> None:
+    """As Escape does: Blender calls the handlers of a cancelled render."""
+    upset(phong)
+    before = state(phong)
+    steps = compare.Comparison(phong, bpy.context.view_layer).steps()
+    step = next(steps)
+    assert "Lobe, render 1 of 4" in step.text and state(phong) != before
+    for handler in bpy.app.handlers.render_cancel:
+        handler(phong)
+    with pytest.raises(compare.Stopped):
+        next(steps)
+    assert state(phong) == before
+    steps = compare.Comparison(phong, bpy.context.view_layer).steps()
+    operators.render_now(next(steps))
+    next(steps)
+    steps.close()
+    assert state(phong) == before
+
+
+def test_a_render_without_a_picture_is_no_comparison(scene, monkeypatch) -> None:
+    """Blender says FINISHED when an engine has raised."""
+    before = state(scene)
+    monkeypatch.setattr(operators, "render_now", lambda *_: {"FINISHED"})
+    with pytest.raises(RuntimeError, match="Lobe ended without a picture"):
+        bpy.ops.lobe.compare_with_cycles()
+    assert state(scene) == before
+
+
+def test_a_scene_that_is_deleted_meanwhile(scene) -> None:
+    other = scene.copy()
+    steps = compare.Comparison(other, other.view_layers[0]).steps()
+    operators.render_now(next(steps))
+    bpy.data.scenes.remove(other)
+    with pytest.raises(compare.CompareError, match="is gone"):
+        next(steps)
+
+
+def test_saving_the_page(scene, tmp_path) -> None:
+    assert not bpy.ops.lobe.save_comparison.poll() and not bpy.ops.lobe.open_comparison.poll()
+    bpy.ops.lobe.compare_with_cycles()
+    assert bpy.ops.lobe.save_comparison(filepath=str(tmp_path / "page")) == {"FINISHED"}
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>") and text.count("data:image/png;base64,iVBORw0KGgo") == 4
+    assert str(tmp_path) not in text and "http" not in text
+    with pytest.raises(RuntimeError, match="cannot be written"):
+        bpy.ops.lobe.save_comparison(filepath=str(tmp_path / "no" / "page.html"))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert operators.outcome_of(bpy.context.scene) is None

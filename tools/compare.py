@@ -1,0 +1,126 @@
+"""The same scene by Lobe and by Cycles, side by side: `python tools/compare.py FILE.blend -o FOLDER`.
+
+What the button "Compare with Cycles" does, without a Blender program: two renders of each engine, with settings as
+equal as they come, at equal samples (Lobe's) or for equal seconds. FOLDER gets comparison.html, one file with a slider
+between the pictures, the same pictures as PNG, and comparison.json. Standard output has the figures, and what can't be
+matched; its last line is the JSON. How the figures are made: addon/compare/figures.py. Exit code 0; 2 for what the user
+can mend, 130 after Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from tools import blender_render as br  # noqa: E402
+from tools.interrupt import at_interrupt, end_on_interrupt  # noqa: E402
+from tools.lobe_blender import SetupError, enable_lobe  # noqa: E402
+from tools.render import Parser, add_scene_arguments, check_file, check_output, prepare, whole_files  # noqa: E402
+
+PAGE, DATA = "comparison.html", "comparison.json"
+
+
+def seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
+    if not 0.1 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text} s does not lie between 0.1 and a million")
+    return value
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    parser = Parser(prog="compare.py", description=(__doc__ or "").splitlines()[0])
+    add_scene_arguments(parser)
+    parser.add_argument("--seconds", type=seconds, default=0.0, metavar="S",
+                        help="equal time: each render samples for so long; default: equal samples")  # fmt: skip
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="is made if there is none")
+    options = parser.parse_args(arguments)
+    if options.seconds and options.samples is not None:
+        parser.error("--seconds and --samples: what is equal is one of the two")
+    return argparse.Namespace(**vars(options), engine="LOBE", as_is=False)
+
+
+def compare(options: argparse.Namespace):
+    """Render, with a bar for each render; gives back the Outcome."""
+    import bpy
+    from bl_ext.user_default.lobe.addon.compare import CompareError, Comparison, Stopped
+    from bl_ext.user_default.lobe.addon.compare.operators import render_now
+    from tqdm import tqdm
+
+    scene = prepare(options)
+    comparison = Comparison(scene, bpy.context.view_layer, options.seconds)
+    try:
+        with contextlib.closing(comparison.steps()) as steps, tqdm(total=4, unit=" renders", file=sys.stderr) as bar:
+            at_interrupt.append(lambda: os.write(2, b"\n"))  # the bar's line ends where it is
+            for step in steps:
+                bar.set_postfix_str(step.engine.capitalize())
+                render_now(step)
+                bar.update()
+    except (CompareError, Stopped) as error:
+        raise br.ToolError(str(error) or "a render was stopped") from error
+    return comparison.outcome
+
+
+def data(outcome) -> dict:
+    """For JSON: what isn't known is null."""
+    values = dataclasses.asdict(outcome)
+    values.pop("pictures")
+    figures = values["figures"]
+    values["figures"] = {key: value if math.isfinite(value) else None for key, value in figures.items()}
+    return values
+
+
+def write(folder: Path, outcome) -> None:
+    from bl_ext.user_default.lobe.addon.compare import html
+
+    contents = {f"{name}.png": content for name, content in outcome.pictures.items()}
+    contents[PAGE] = html(outcome).encode()
+    contents[DATA] = (json.dumps(data(outcome), indent=1) + "\n").encode()
+    with whole_files([folder / name for name in contents]) as unfinished:
+        for path, content in zip(unfinished, contents.values(), strict=True):
+            path.write_bytes(content)
+
+
+def text(outcome) -> str:
+    from bl_ext.user_default.lobe.addon.compare import difference_rows, engine_rows
+
+    rows = [("", "Lobe", "Cycles"), *engine_rows(outcome)]
+    lines = [f"{what:<34}{lobe:>14}{cycles:>14}" for what, lobe, cycles in rows]
+    lines += [f"{what:<34}{value:>28}" for what, value in difference_rows(outcome)]
+    lines += ["Not matched:", *(f"  {line}" for line in outcome.unmatched)] if outcome.unmatched else []
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = parse(arguments)
+    with br.quiet_stdout() as say:
+        try:
+            check_file(options.file)
+            check_output(options.output / PAGE)
+            enable_lobe()
+            at_interrupt.append(br.remove_temporary_files)
+            outcome = compare(options)
+            write(options.output, outcome)
+        except (br.ToolError, SetupError) as error:
+            print(f"compare.py: {error}", file=sys.stderr)
+            return 2
+        say(text(outcome))
+        say(json.dumps(data(outcome)))
+    return 0
+
+
+if __name__ == "__main__":
+    end_on_interrupt("compare.py")
+    sys.exit(main())
