@@ -28,7 +28,7 @@ test-long: $(INSTALLED)
 	exit $$status
 
 test-gui: $(INSTALLED)
-	$(RUN) -m pytest tests/blender/test_gui.py tests/blender/test_viewport_window.py
+	$(RUN) -m pytest tests/blender/test_gui.py tests/blender/test_viewport_window.py tests/blender/test_compare_window.py
 
 bench: $(INSTALLED)
 	$(RUN) tools/bench.py all

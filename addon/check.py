@@ -126,6 +126,15 @@ def _waiting(window) -> Iterator[None]:
         window.cursor_modal_restore()
 
 
+RENDERING = "Blender is rendering a picture or a preview: a moment, please"
+
+
+def is_rendering() -> bool:
+    """Whether no operator may begin a render. Blender begins one by waiting for its previews. From Python it keeps
+    Python's lock while it waits, which an engine that draws a preview needs to come to its end: neither would go on."""
+    return bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("RENDER_PREVIEW")
+
+
 class LOBE_OT_check_scene(bpy.types.Operator):
     """List what this scene holds that Lobe does not draw as asked. It renders nothing, and takes as long as exporting \
 the scene does: a moment, some seconds for millions of faces"""
@@ -135,10 +144,8 @@ the scene does: a moment, some seconds for millions of faces"""
 
     @classmethod
     def poll(cls, context) -> bool:
-        # Blender begins a render by waiting for its previews. From Python it keeps Python's lock while it waits, which
-        # an engine that draws a preview needs to come to its end: neither would go on.
-        if bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("RENDER_PREVIEW"):
-            cls.poll_message_set("Blender is rendering a picture or a preview: a moment, please")
+        if is_rendering():
+            cls.poll_message_set(RENDERING)
             return False
         return context.scene is not None
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, FloatProperty, PointerProperty, StringProperty
 
+from ..check import RENDERING, is_rendering
 from . import pictures
 from .page import difference_rows, engine_rows, html
 from .run import CompareError, Comparison, Outcome, Step, Stopped
@@ -73,7 +74,10 @@ settings stay as they are"""
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.scene is not None and not bpy.app.is_job_running("RENDER")
+        if is_rendering():
+            cls.poll_message_set(RENDERING)
+            return False
+        return context.scene is not None
 
     def execute(self, context):
         """Blender waits until it is done."""
@@ -100,7 +104,7 @@ settings stay as they are"""
 
     def modal(self, context, event):
         """Nothing but its own timer reaches Blender's other operators: they could undo what is being compared."""
-        if event.type == "TIMER" and not bpy.app.is_job_running("RENDER"):
+        if event.type == "TIMER" and not is_rendering():
             return self._next(context)
         return {"RUNNING_MODAL"}
 

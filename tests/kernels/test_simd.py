@@ -178,7 +178,9 @@ def test_tuples_in_tuples_are_chosen_lane_by_lane(numbers) -> None:
 
 @kernel
 def memory(table, rows, columns, out, sums, places):
-    """out: looked up places; whole rows and parts of them, added up; what is below 0 side by side. Returns how many are."""
+    """out: looked up places; whole rows and parts of them, added up; what is below 0 side by side.
+
+    Returns how many are."""
     kept = 0
     for i in range(0, N, WIDTH):
         row, column = to_index(load(rows, 0, i)), to_index(load(columns, 0, i))
