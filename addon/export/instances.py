@@ -15,7 +15,8 @@ import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Mesh, Visibility
-from .kept import KeptMeshes
+from .faults import naming
+from .kept_meshes import KeptMeshes
 from .lights import LampKind, export_light, lamp_kind
 from .materials import MaterialTable
 from .meshes import export_mesh
@@ -97,7 +98,8 @@ class Placement:
             kind = known.get(key)
             if kind is None:
                 known[key] = kind = len(kinds)
-                kinds.append(self._kind(item, object_))
+                with naming("object", object_.name):
+                    kinds.append(self._kind(item, object_))
             of_item.append(kind)
 
         read = matrices_at_once if bpy.app.version >= (5, 0, 0) else matrices_one_by_one

@@ -613,7 +613,8 @@ def test_lines_are_broken_between_words(part) -> None:
 
 def test_the_command_line_says_the_same(scene, part) -> None:
     three_of_glass()
-    assert blender_render.check(scene)[:2] == [
+    honoured, lines = blender_render.check(scene)
+    assert not honoured and lines[:2] == [
         "Not drawn as asked:",
         "      3  material    Glass BSDF is not supported, drawn as a glossy pane that light passes straight through: "
         "Other, Glass 0, Glass 1",
@@ -621,8 +622,9 @@ def test_the_command_line_says_the_same(scene, part) -> None:
 
 
 def test_the_command_line_of_a_scene_that_is_honoured(scene) -> None:
-    assert blender_render.check(scene) == ["Lobe draws everything in this scene as asked"]
+    assert blender_render.check(scene) == (True, ["Lobe draws everything in this scene as asked"])
     lamp().specular_factor = 0.0
-    lines = blender_render.check(scene)
+    honoured, lines = blender_render.check(scene)
+    assert honoured
     assert lines[:2] == ["Lobe draws everything in this scene as asked", "Left out, which changes nothing:"]
     assert len(lines) == 3

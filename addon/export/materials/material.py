@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import bpy
 import numpy as np
 
 from ....engine import DEFAULT_MATERIAL, Material, SceneError
 from ..changes import uid_of
+from ..faults import naming
 from ..images import MISSING, Images
-from ..notes import Notes
+from ..notes import Note, Notes
 from ..stop import Stop
 from ..unsupported import note_material
 from .surface import Walk, merge_lobes
@@ -35,19 +37,26 @@ NEAREST = {
 BRIGHTEST = float(np.float32(1e30))
 
 
+class Exported(NamedTuple):
+    """A material, and what was said of it."""
+
+    material: Material
+    notes: list[Note]
+
+
 class MaterialTable:
     """Materials in the order they were first asked for; index 0 is the default of objects without any.
 
-    uids  `uid_of` each, 0 of the default
-    kept  by their uids, materials that were exported before
+    exported  by `uid_of`, those that are the same in the next frame if nothing has changed
+    kept      the same of an export before
     """
 
     def __init__(
         self, notes: Notes, images: Images, override=None, stop: Stop | None = None,
-        kept: Mapping[int, Material] | None = None,
+        kept: Mapping[int, Exported] | None = None,
     ) -> None:  # fmt: skip
         self.materials: list[Material] = [DEFAULT_MATERIAL]
-        self.uids: list[int] = [0]
+        self.exported: dict[int, Exported] = {}
         self._notes = notes
         self._images = images
         self._override = override  # The view layer's material override, which replaces all others.
@@ -63,10 +72,20 @@ class MaterialTable:
         uid = uid_of(material)
         if uid not in self._known:
             self._known[uid] = len(self.materials)
-            exported = self._kept.get(uid) or export_material(material, self._notes, self._images, self._stop)
-            self.materials.append(exported)
-            self.uids.append(uid)
+            self.materials.append(self._export(uid, material))
         return self._known[uid]
+
+    def _export(self, uid: int, material) -> Material:
+        if uid in self._kept:
+            self._notes.again(self._kept[uid].notes)
+            self.exported[uid] = self._kept[uid]
+            return self._kept[uid].material
+        self._images.lasting()
+        with self._notes.recorded() as notes, naming("material", material.name_full):
+            exported = export_material(material, notes, self._images, self._stop)
+        if self._images.lasting():
+            self.exported[uid] = Exported(exported, notes.all)
+        return exported
 
 
 def export_material(material, notes: Notes, images: Images, stop: Stop) -> Material:
