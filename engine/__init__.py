@@ -80,6 +80,15 @@ def render(
     Raises SceneError or SettingsError for what cannot be rendered. Without Numba the reference road steps in, and the
     result says so.
     """
+    try:
+        return _render(scene, settings, progress, stop, prepared)
+    except MemoryError as error:
+        from .memory import ADVICE
+
+        raise LobeError(f"not enough memory to render this scene: {ADVICE}") from error
+
+
+def _render(scene: Scene, settings: Settings, progress, stop, prepared: Prepared | None) -> Result:
     settings.validate()
     scene.validate()
     problem = None if settings.road == "REFERENCE" else numba_problem()

@@ -25,6 +25,7 @@ from ..kernels.tables import (
     TRANSPARENCY,
     Geometry,
 )
+from ..memory import foresee, need_of
 from ..scene import Instances, Mesh, Scene, Visibility
 
 # A mesh whose copies have no more triangles than this in all is baked: they fit the cache, and a two-level
@@ -70,6 +71,7 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
     materials = pack_materials(scene)
     baked, shared = _plan(scene, materials)
     meshes = [scene.meshes[mesh] for mesh, _ in baked] + [scene.meshes[mesh] for mesh in shared]
+    foresee(need_of(scene, meshes, sum(map(len, shared.values()))))
     out = _Triangles(meshes)
     shapes = _Shapes()
     _add_baked(scene, baked, out, shapes)

@@ -358,6 +358,7 @@ import importlib, json
 memory, known = importlib.import_module(f"{MODULE}.addon.memory"), []
 bpy.app.handlers.render_write.append(lambda *_: known.append(memory.current_and_peak_mb()[0]))
 bpy.ops.render.render(animation=True)
+bpy.app.handlers.render_write.clear()  # at the end Blender 4.2 would call into what Python has freed
 print(json.dumps(known))
 """
 
