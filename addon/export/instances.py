@@ -129,7 +129,9 @@ class Placement:
             if number % ITEMS_A_CHECK == 0:
                 self._stop.check()
             matrix = np.array(matrices[item], np.float64, order="C")
-            light = export_light(self._lamp_kinds[kinds[item]], matrix, self._notes)
+            kind = self._lamp_kinds[kinds[item]]
+            with naming("light", kind.name):
+                light = export_light(kind, matrix, self._notes)
             if light is not None:
                 self.lights.append(light)
 
