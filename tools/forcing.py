@@ -21,7 +21,7 @@ from engine.pack import Packed
 from engine.pack.geometry import INVALID
 
 # Every feature that a scene can do without, at its most general. Not in here: the choices that change the picture
-# (orthographic, transparent_film) or how it is sampled (hemisphere, lobe_selection), and `shared_light`.
+# (orthographic, transparent_film, holdout) or how it is sampled (hemisphere, lobe_selection), and `shared_light`.
 EVERYTHING = {
     "phong": 1,
     "smooth": 1,

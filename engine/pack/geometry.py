@@ -18,6 +18,7 @@ from ..kernels.tables import (
     BAKED_MESH,
     EMISSION,
     EXPONENT,
+    HOLDOUT,
     INSTANCED_MESH,
     KD,
     KS,
@@ -115,6 +116,7 @@ def _material_features(seen: np.ndarray) -> dict[str, int]:
     return {
         "phong": int(np.any(seen[:, KS : KS + 3] > 0)),
         "transparency": int(np.any(seen[:, TRANSPARENCY : TRANSPARENCY + 3] > 0)),
+        "holdout": int(np.any(seen[:, HOLDOUT] > 0)),
     }
 
 
@@ -254,6 +256,7 @@ def pack_materials(scene: Scene) -> np.ndarray:
         row[EXPONENT] = min(material.exponent, MAX_EXPONENT)
         row[EMISSION : EMISSION + 3] = material.emission
         row[TRANSPARENCY : TRANSPARENCY + 3] = material.transparency
+        row[HOLDOUT] = material.holdout
     return table
 
 

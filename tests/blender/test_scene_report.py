@@ -170,8 +170,6 @@ NAMED = {
     "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
                      "WARNING"),
     "samples of a view layer": (put(layer, samples=7), "its own number of samples (7)", "WARNING"),
-    "holdout object": (put(plane, is_holdout=True), "holdouts are not supported", "WARNING"),
-    "holdout collection": (lambda: collection_flag(holdout=True), "holdouts are not supported", "WARNING"),
     "shadow catcher": (put(plane, is_shadow_catcher=True), "shadow catchers are not supported", "WARNING"),
     "light linking": (None, "light linking is not supported", "WARNING"),
     "shadow linking": (None, "light linking is not supported", "WARNING"),
@@ -399,6 +397,9 @@ HONOURED = {
     "indirect only": (
         lambda: collection_flag(indirect_only=True),
         lambda scene: sorted(v & 1 for v in scene.instances.visibility) == [0, 1]),
+    "holdout object": (put(plane, is_holdout=True), lambda scene: any(m.holdout for m in scene.materials)),
+    "holdout collection": (
+        lambda: collection_flag(holdout=True), lambda scene: any(m.holdout for m in scene.materials)),
     "no shadow": (put(lamp, use_shadow=False), lambda scene: not scene.lights[0].cast_shadow),
     "soft falloff off": (put(lamp, use_soft_falloff=False), lambda scene: not scene.lights[0].soft_falloff),
     "exposure of the film": (

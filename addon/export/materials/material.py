@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import bpy
@@ -61,19 +62,21 @@ class MaterialTable:
         self._images = images
         self._override = override  # The view layer's material override, which replaces all others.
         self._stop = stop or Stop()
-        self._known: dict[int, int] = {}
+        self._known: dict[tuple[int, bool], int] = {(0, False): 0}
         self._kept = kept or {}
 
-    def index(self, material) -> int:
-        """Of a bpy material, None for none."""
+    def index(self, material, holdout: bool = False) -> int:
+        """Of a bpy material, None for none, on an object that may be a holdout."""
         material = self._override or material
-        if material is None:
-            return 0
-        uid = uid_of(material)
-        if uid not in self._known:
-            self._known[uid] = len(self.materials)
-            self.materials.append(self._export(uid, material))
-        return self._known[uid]
+        key = uid_of(material), holdout
+        if key not in self._known:
+            if holdout:
+                exported = replace(self.materials[self.index(material)], holdout=True)
+            else:
+                exported = self._export(key[0], material)
+            self._known[key] = len(self.materials)
+            self.materials.append(exported)
+        return self._known[key]
 
     def _export(self, uid: int, material) -> Material:
         if uid in self._kept:
