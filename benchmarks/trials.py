@@ -102,7 +102,7 @@ TRIALS = (
     Trial("adaptive sampling", settings={"use_adaptive_sampling": True, "adaptive_threshold": 0.1}),
     Trial(
         "path by path",
-        [(KERNELS + "staged.py", "return f.shared_light and not", "return False and f.shared_light and not")],
+        [(KERNELS + "staged.py", "usual = f.shared_light and not", "usual = False and f.shared_light and not")],
     ),
     Trial(
         "single rays", [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return False")]
