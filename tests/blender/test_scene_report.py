@@ -207,7 +207,9 @@ NAMED = {
         lambda: feed("BsdfDiffuse", "ShaderNodeVertexColor"), "is not supported and counts as unplugged", "WARNING"),
     "UDIM tiles": (None, "UDIM tiles are not supported", "WARNING"),
     "glass": (lambda: shader("ShaderNodeBsdfGlass"), "Glass BSDF is not supported", "WARNING"),
-    "holdout shader": (lambda: shader("ShaderNodeHoldout"), "Holdout is not supported", "WARNING"),
+    "holdout shader in a sum": (
+        lambda: shader("ShaderNodeAddShader") and feed("AddShader", "ShaderNodeHoldout", "Shader"),
+        "Holdout is not supported", "WARNING"),
     "clear coat": (
         lambda: shader("ShaderNodeEeveeSpecular", Clear_Coat=1.0), "clear coat is not supported", "WARNING"),
     "opaque shadows": (None, "opaque shadows of a transparent surface", "WARNING"),
@@ -398,6 +400,8 @@ HONOURED = {
         lambda: collection_flag(indirect_only=True),
         lambda scene: sorted(v & 1 for v in scene.instances.visibility) == [0, 1]),
     "holdout object": (put(plane, is_holdout=True), lambda scene: any(m.holdout for m in scene.materials)),
+    "holdout shader": (
+        lambda: shader("ShaderNodeHoldout"), lambda scene: any(m.holdout for m in scene.materials)),
     "holdout collection": (
         lambda: collection_flag(holdout=True), lambda scene: any(m.holdout for m in scene.materials)),
     "no shadow": (put(lamp, use_shadow=False), lambda scene: not scene.lights[0].cast_shadow),

@@ -88,6 +88,10 @@ def shining_holdout(scene) -> None:
     bpy.data.objects["Wall"].is_holdout = True
 
 
+def holdout_shader(scene) -> None:
+    bpy.data.meshes["Wall"].materials[0] = new_material("Hole", "ShaderNodeHoldout")[0]
+
+
 def instanced(scene, holdout: str) -> None:
     collection = bpy.data.collections.new("Things")
     wall = bpy.data.objects["Wall"]
@@ -113,7 +117,7 @@ def material_override(scene) -> None:
 
 CASES = [
     holdout_object, holdout_collection, indirect_only, holdout_and_indirect_only, excluded, transparent_holdout,
-    behind_glass, shining_holdout, holdout_instancer, instanced_holdout, material_override,
+    behind_glass, shining_holdout, holdout_shader, holdout_instancer, instanced_holdout, material_override,
 ]  # fmt: skip
 
 

@@ -109,6 +109,10 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
     _note_linked(output, "Volume", "volumes are not supported and left out", note)
     _note_linked(output, "Displacement", "displacement is not supported, the surface stays as it is", note)
 
+    if is_hole(output):
+        note_material(material, False, notes)
+        return Material(name, holdout=True)
+
     def texture(_evaluator, slot: Slot) -> np.ndarray:
         return average_color(slot, images, note)
 
@@ -128,6 +132,12 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
         emission=rgb(surface.emission),
         transparency=rgb(np.minimum(surface.transparency, 1.0)),
     )
+
+
+def is_hole(output) -> bool:
+    """Whether the whole surface is the Holdout shader, which is black for all but the camera."""
+    shader = source(Slot(find_input(output, "Surface"))).socket
+    return shader.is_output and shader.node.bl_idname == "ShaderNodeHoldout"
 
 
 def uses_nodes(datablock) -> bool:
