@@ -22,6 +22,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
     # Class attributes and no work in __init__: Blender calls that twice for one object (measured in 5.0).
     session = None  # made by update() for the render() that follows; None when the export failed
     frame_report = None  # of the view layers rendered so far in this frame
+    kept_layers = None  # what is kept for the next frame, where Blender keeps this object for it
     viewport = None  # made by the first callback of a 3D viewport
     failed = False  # then this frame's other view layers aren't tried: the user has the message
 
@@ -99,7 +100,8 @@ class _reporting:
         else:
             traceback.print_exception(kind, error, trace)
             what = (str(error).splitlines() or [""])[0]  # of a compiler's error the rest is pages
-            message = f"Lobe failed ({kind.__name__}: {what}). This is a bug: the console has the details"
+            place = f" at {error.lobe_place}" if hasattr(error, "lobe_place") else ""
+            message = f"Lobe failed{place} ({kind.__name__}: {what}). This is a bug: the console has the details"
         self.engine.failed = True
         if not bpy.app.background:
             self.engine.error_set(message)

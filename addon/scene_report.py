@@ -62,11 +62,16 @@ def note_from_sentence(level: str, sentence: str) -> Note:
     return Note(level, *found.groups()) if found else Note(level, "", "", sentence)
 
 
+def is_honoured(report: Report) -> bool:
+    """Whether everything is drawn as asked."""
+    return not report.of_level(ERROR, WARNING)
+
+
 def lines(report: Report) -> list[str]:
     """For the command line: a heading for each level, a line for each group with its number and some of the names."""
     if not report.groups:
         return [HONOURED]
-    text = [] if report.of_level(ERROR, WARNING) else [HONOURED]
+    text = [HONOURED] if is_honoured(report) else []
     for level, heading in HEADINGS.items():
         groups = report.of_level(level)
         text += [f"{heading}:"] if groups else []

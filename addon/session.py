@@ -16,7 +16,7 @@ import numpy as np
 from .. import engine as lobe
 from . import scene_report
 from .denoise import DenoiseError, DenoiseStopped, denoise
-from .export import ExportStopped, Notes, export_scene, export_settings
+from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings
 from .memory import current_and_peak_mb
 from .report import add_layer
 
@@ -52,8 +52,12 @@ class Session:
         self.notes = Notes()
         self.scene_key = None if engine.is_preview else scene_report.key(depsgraph.scene)
         self.scene: lobe.Scene | None = None  # None when the user cancelled the export
+        layers = _kept_layers(engine, depsgraph)
+        kept = layers.of(depsgraph)
+        self.prepared = kept.prepared
         with contextlib.suppress(ExportStopped), self._noting_errors():
-            self.scene = export_scene(depsgraph, stop=self.cancelled, notes=self.notes)
+            self.scene = export_scene(depsgraph, stop=self.cancelled, notes=self.notes, kept=kept)
+            layers.keep(depsgraph, kept)
         self.export_seconds = time.perf_counter() - start
 
     def render(self, report: dict) -> None:
@@ -63,7 +67,7 @@ class Session:
             return
         start = time.perf_counter()
         picture = _Picture(self.engine, self.scene, self.layer)
-        worker = _Worker(self.scene, self.settings)
+        worker = _Worker(self.scene, self.settings, self.prepared)
         finished = False
         try:
             self._watch(worker, picture)
@@ -150,10 +154,21 @@ class Session:
         self.engine.update_stats("", " | ".join(parts))
 
 
+def _kept_layers(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> KeptLayers:
+    """From the frame before, where the scene has Persistent Data ticked: Blender then keeps the engine for the next
+    frame, and drops it, with all that it holds, once that is unticked."""
+    if engine.is_preview or not depsgraph.scene.render.use_persistent_data:
+        engine.kept_layers = None
+        return KeptLayers()
+    if engine.kept_layers is None:
+        engine.kept_layers = KeptLayers()
+    return engine.kept_layers
+
+
 class _Worker:
     """The engine's render on a thread of its own."""
 
-    def __init__(self, scene: lobe.Scene, settings: lobe.Settings):
+    def __init__(self, scene: lobe.Scene, settings: lobe.Settings, prepared: lobe.Prepared):
         self.progress: lobe.Progress | None = None
         self.picture_wanted = False
         self._pixels: np.ndarray | None = None
@@ -163,12 +178,16 @@ class _Worker:
         self._done = False
         self._stop = threading.Event()
         # A daemon: when Blender is closed it waits for no picture, only for a compilation that is under way.
-        self._thread = threading.Thread(target=self._run, args=(scene, settings), name="Lobe render", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(scene, settings, prepared), name="Lobe render", daemon=True
+        )
         self._thread.start()
 
-    def _run(self, scene: lobe.Scene, settings: lobe.Settings) -> None:
+    def _run(self, scene: lobe.Scene, settings: lobe.Settings, prepared: lobe.Prepared) -> None:
         try:
-            self._result = lobe.render(scene, settings, progress=self._on_progress, stop=self._stop.is_set)
+            self._result = lobe.render(
+                scene, settings, progress=self._on_progress, stop=self._stop.is_set, prepared=prepared
+            )
         except BaseException as error:  # raised again by outcome(), on the thread that can tell the user
             self._error = error
         finally:

@@ -158,7 +158,7 @@ TRIALS = (
         "stages: batches of paths, rays and shadow rays deferred, sixteen in a register",
         True,
         "half a megabyte a thread, code",
-        [(KERNELS + "staged.py", "return f.shared_light and not", "return False and f.shared_light and not")],
+        [(KERNELS + "staged.py", "usual = f.shared_light and not", "usual = False and f.shared_light and not")],
     ),
     Trial(
         "single rays",

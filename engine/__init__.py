@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from .errors import LobeError, SceneError, SettingsError
 from .interactive import Interactive
+from .prepared import Prepared
 from .result import Picture, Progress, Result
 from .scene import (
     DEFAULT_MATERIAL,
@@ -46,6 +47,7 @@ __all__ = [
     "Mesh",
     "Picture",
     "PointLight",
+    "Prepared",
     "Progress",
     "Result",
     "Scene",
@@ -67,22 +69,33 @@ def render(
     *,
     progress: Callable[[Progress], None] | None = None,
     stop: Callable[[], bool] | None = None,
+    prepared: Prepared | None = None,
 ) -> Result:
     """Render a scene by the road that the settings name.
 
     progress  called several times a second, on the caller's thread
     stop      asked at least ten times a second; True ends the render and keeps what was done
+    prepared  of the render of the frame before, and then of this one
 
     Raises SceneError or SettingsError for what cannot be rendered. Without Numba the reference road steps in, and the
     result says so.
     """
+    try:
+        return _render(scene, settings, progress, stop, prepared)
+    except MemoryError as error:
+        from .memory import ADVICE
+
+        raise LobeError(f"not enough memory to render this scene: {ADVICE}") from error
+
+
+def _render(scene: Scene, settings: Settings, progress, stop, prepared: Prepared | None) -> Result:
     settings.validate()
     scene.validate()
     problem = None if settings.road == "REFERENCE" else numba_problem()
     if settings.road == "COMPILED" and problem is None:
         from .schedule import render_compiled
 
-        return render_compiled(scene, settings, progress=progress, stop=stop)
+        return render_compiled(scene, settings, progress=progress, stop=stop, prepared=prepared)
     from .reference import render_reference
 
     result = render_reference(scene, settings, progress=progress, stop=stop)

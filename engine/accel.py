@@ -15,6 +15,7 @@ import numpy as np
 
 from .errors import LobeError
 from .kernels.embree import build_monitor, lamp_filter, library
+from .memory import ADVICE
 
 _P, _U, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
 
@@ -75,7 +76,7 @@ def device() -> int:
 def _check(what: str) -> None:
     code = library.rtcGetDeviceError(device())
     if code == 4:
-        raise LobeError(f"not enough memory to {what}")
+        raise LobeError(f"not enough memory to {what}: {ADVICE}")
     if code == 6:
         raise BuildStopped
     if code:

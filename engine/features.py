@@ -40,6 +40,7 @@ class Features(NamedTuple):
     orthographic: int = 0
     lens: int = 0
     transparent_film: int = 0
+    holdout: int = 0  # some surface is a hole in the picture
     hemisphere: int = 0  # 0 cosine, 1 uniform, 2 rejection
     lobe_selection: int = 0  # 0 albedo-weighted, 1 classic
     clamp: int = 0  # some clamp is on
@@ -61,5 +62,6 @@ _LEFT_OUT = {
     "world": "world light: the world is black",
     "lens": "depth of field: the lens is a pinhole",
     "transparent_film": "film alpha: the film is opaque",
+    "holdout": "holdouts: no surface is one",
     "clamp": "clamping: off",
 }

@@ -94,6 +94,8 @@ class Material:
     exponent      Phong exponent, >= 0; the compiled road takes 1e8 for any above, which no eye tells apart
     emission      radiance, W/(m2 sr), leaving both sides
     transparency  the fraction of a ray's radiance that passes unbent
+    holdout       True: where the camera sees it, the picture has a hole, without light and without alpha, as far as it
+                  isn't transparent; all other rays see it as it is
     """
 
     name: str
@@ -102,6 +104,7 @@ class Material:
     exponent: float = 0.0
     emission: RGB = BLACK
     transparency: RGB = BLACK
+    holdout: bool = False
 
 
 # What objects without any material get: Blender's default surface.

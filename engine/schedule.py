@@ -28,6 +28,8 @@ from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tabl
 from .kernels.tile import make_tile_kernel, new_memory
 from .lighttree import load_builder
 from .pack import Packed, pack
+from .pack.again import pack_next
+from .prepared import Prepared
 from .result import Progress, Result
 from .scene import Camera, Scene
 from .settings import Settings
@@ -103,16 +105,17 @@ def render_compiled(
     *,
     progress: Callable[[Progress], None] | None = None,
     stop: Callable[[], bool] | None = None,
+    prepared: Prepared | None = None,
 ) -> Result:
     """See `engine.render`. Scene and settings are valid."""
-    return _Render(scene, settings, _Watch(settings, progress, stop)).run()
+    return _Render(scene, settings, _Watch(settings, progress, stop), prepared or Prepared()).run()
 
 
 class _Render:
     """One render, phase by phase, on a pool of threads. All of them, Embree's too, end early once `halt[0]` is set."""
 
-    def __init__(self, scene: Scene, settings: Settings, watch: _Watch):
-        self.scene, self.settings, self.watch = scene, settings, watch
+    def __init__(self, scene: Scene, settings: Settings, watch: _Watch, prepared: Prepared):
+        self.scene, self.settings, self.watch, self.prepared = scene, settings, watch, prepared
         self.film = Film(scene.render_region, scene.exposure)
         self.result = Result(
             pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
@@ -167,7 +170,7 @@ class _Render:
             self._do(compiling, function)
 
     def _build(self) -> Packed:
-        packed = self._do(lambda _: "building", pack, self.scene, self.settings, self.halt)
+        packed = self._do(lambda _: "building", pack_next, self.prepared, self.scene, self.settings, self.halt)
         self.result.skipped += packed.features.skipped()
         return packed
 

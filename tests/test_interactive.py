@@ -7,6 +7,7 @@ import mmap
 import os
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +18,10 @@ import scenes
 
 import engine.live as live
 import engine.pack.again as again
-from engine import Interactive, Material, Picture, Scene, SceneError, Settings, World, render
+from engine import Interactive, Material, Picture, Prepared, Scene, SceneError, Settings, World, render
 from engine.kernels.camera import pack_camera
 from engine.pack import Packed, pack
-from engine.pack.again import pack_again
+from engine.pack.again import pack_again, pack_next
 
 QUICK = Settings(samples=4, max_bounces=2, threads=2)
 STATM = Path("/proc/self/statm")
@@ -158,6 +159,28 @@ def test_a_camera_far_from_the_lamps_gets_shapes_that_suit_it():
     assert far.accel is not packed.accel
     assert far.parts.lights.reach == pytest.approx(again.ROOM * 1e3, rel=0.01)
     assert pack_again(far, moved_camera(scene, 1.5e3), QUICK).accel is far.accel
+
+
+def test_frames_are_packed_as_if_each_was_the_only_one():
+    """Also where the camera has left the lamps, or has come back to them."""
+    prepared, scene = Prepared(), scenes.lamp_room(["point", "area"], 16)
+    scene.add_instance(scenes.sphere_mesh(8, 0.3, smooth=True), scenes.place((0.2, 0.1, 0.5)))
+    frames = [scene]
+    for change, _, _ in EDITS.values():
+        frames.append(change(frames[-1]))
+    frames += [moved_camera(scene, by) for by in (1e3, 2e3, 0.0)]
+    for frame in frames:
+        assert tables(pack_next(prepared, frame, QUICK)) == tables(pack(frame, QUICK))
+
+
+def test_what_a_frame_has_no_use_for_is_freed_before_it_is_built(monkeypatch):
+    prepared, scene, gone = Prepared(), room(), []
+    first = weakref.ref(pack_next(prepared, scene, QUICK).accel)
+    monkeypatch.setattr(again, "pack", lambda *arguments: gone.append(first() is None) or pack(*arguments))
+    pack_next(prepared, moved_camera(scene, 0.1), QUICK)
+    assert first() is not None and not gone
+    pack_next(prepared, with_moved_object(scene), QUICK)
+    assert gone == [True]
 
 
 def test_an_undisturbed_picture_is_that_of_a_final_render(watcher):

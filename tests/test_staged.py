@@ -252,7 +252,7 @@ def test_material_slots_beyond_all_are_looked_up_for_no_ray_that_misses(slot, mo
     assert np.array_equal(first, last) and (first == 0).any() and (first > 0).any()
 
 
-UNCOVERED = ({"transparency": 1}, {"ray_kinds": 1}, {"shared_light": 0}, {"hemisphere": REJECTION})
+UNCOVERED = ({"transparency": 1}, {"holdout": 1}, {"ray_kinds": 1}, {"shared_light": 0}, {"hemisphere": REJECTION})
 
 
 def test_what_is_covered(monkeypatch):

@@ -162,12 +162,13 @@ def render(
     return report
 
 
-def check(scene) -> list[str]:
-    """The lines of the scene report: what `scene` holds that Lobe does not draw as asked. Renders nothing."""
+def check(scene) -> tuple[bool, list[str]]:
+    """Whether Lobe draws everything in `scene` as asked, and the lines of the scene report. Renders nothing."""
     from bl_ext.user_default.lobe.addon import scene_report
     from bl_ext.user_default.lobe.addon.check import check as notes_of
 
-    return scene_report.lines(scene_report.keep(scene_report.key(scene), "check", notes_of(scene)))
+    report = scene_report.keep(scene_report.key(scene), "check", notes_of(scene))
+    return scene_report.is_honoured(report), scene_report.lines(report)
 
 
 def _stamp_name_only(scene) -> None:

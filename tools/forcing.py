@@ -21,7 +21,7 @@ from engine.pack import Packed
 from engine.pack.geometry import INVALID
 
 # Every feature that a scene can do without, at its most general. Not in here: the choices that change the picture
-# (orthographic, transparent_film) or how it is sampled (hemisphere, lobe_selection), and `shared_light`.
+# (orthographic, transparent_film, holdout) or how it is sampled (hemisphere, lobe_selection), and `shared_light`.
 EVERYTHING = {
     "phong": 1,
     "smooth": 1,
@@ -61,14 +61,14 @@ def filled_up(packed: Packed, features: Features) -> Packed:
 @contextlib.contextmanager
 def forced(change: Callable[[Features], Features]) -> Iterator[None]:
     """Within, the compiled road renders with the features that `change` makes of the scene's own."""
-    pack, choice_tree = schedule.pack, packing_lights.choice_tree
+    pack_next, choice_tree = schedule.pack_next, packing_lights.choice_tree
 
     def packed_otherwise(*arguments) -> Packed:
-        packed = pack(*arguments)
+        packed = pack_next(*arguments)
         return filled_up(packed, change(packed.features))
 
     with (
-        mock.patch.object(schedule, "pack", packed_otherwise),
+        mock.patch.object(schedule, "pack_next", packed_otherwise),
         mock.patch.object(packing_lights, "choice_tree", lambda emitters, _: choice_tree(emitters, 2)),
     ):
         yield

@@ -3,8 +3,9 @@
 Standard error carries a progress bar; the last line of standard output is one JSON object:
 {"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays", "peak_memory_mb",
 "skipped", "warnings"}; what Cycles does not tell is null. With --check nothing is rendered: standard output lists what
-Lobe does not draw as asked, counted. What the user can mend is said in one line, with exit code 2. Ctrl-C ends it at
-once with exit code 130; pictures are there whole or not at all.
+Lobe does not draw as asked, counted, and the exit code is 0 if there is nothing and 1 if there is. What the user can
+mend is said in one line, with exit code 2. Ctrl-C ends it at once with exit code 130; pictures are there whole or not
+at all.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="with --engine CYCLES: keep the file's Cycles settings and materials, instead of the "
                         "fair settings, Lobe's bounces and filter, and the exact Phong shader")  # fmt: skip
     parser.add_argument("--check", action="store_true",
-                        help="render nothing: print what the file holds that Lobe does not draw as asked")  # fmt: skip
+                        help="render nothing: print what the file holds that Lobe does not draw as asked; exit code 1 "
+                        "if there is any, else 0")  # fmt: skip
     parser.add_argument("-o", "--output", action="append", default=[], type=output_path, metavar="OUT.png|OUT.exr",
                         help="may be given again; needed unless --check is")  # fmt: skip
     options = parser.parse_args(arguments)
@@ -227,8 +229,9 @@ def main(arguments: list[str] | None = None) -> int:
             enable_lobe()
             at_interrupt.append(br.remove_temporary_files)
             if options.check:
-                say("\n".join(br.check(prepare(options))))
-                return 0
+                honoured, lines = br.check(prepare(options))
+                say("\n".join(lines))
+                return 0 if honoured else 1
             report = run(options)
         except (br.ToolError, SetupError) as error:
             print(f"render.py: {error}", file=sys.stderr)

@@ -7,6 +7,7 @@ engine, the viewport and `tools/render.py` call it.
 
 from __future__ import annotations
 
+from .kept import KeptLayers
 from .live import LiveExport, export_viewport_settings
 from .notes import Group, Note, Notes, grouped
 from .scene import export_scene
@@ -17,6 +18,7 @@ from .view import View, export_view
 __all__ = [
     "ExportStopped",
     "Group",
+    "KeptLayers",
     "LiveExport",
     "Note",
     "Notes",

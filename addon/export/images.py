@@ -24,6 +24,7 @@ SRGB_SPACES = {"sRGB"}
 
 
 FILES = ("FILE", "SEQUENCE", "TILED", "MOVIE")
+MOVING = ("SEQUENCE", "MOVIE")
 UNREADABLE = "cannot be read: its file is damaged or of an unknown format"
 # Alpha modes that leave the colour alone.
 APART = ("NONE", "CHANNEL_PACKED")
@@ -49,17 +50,31 @@ class Images:
         self._notes = notes
         self._stop = stop
         self._environments: dict = {}
+        self._asked: set = set()  # for these
         self._averages: dict = {}
         self._problems: dict = {}
+        self._moving = False
+
+    def lasting(self) -> bool:
+        """Whether every image that was asked for since this was called last is the same in all frames. Blender doesn't
+        list what shows the others as changed."""
+        moving, self._moving = self._moving, False
+        return not moving
 
     def environment(self, node) -> np.ndarray | None:
         """(H, W, 3) float32 of the image that a texture node shows, multiplied with alpha, as Cycles does with
         environment images; None where it can't be shown."""
         key = self._key(node)
+        self._asked.add(key)
         if key not in self._environments:
             pixels = None if node.image is None else self._read(node, multiplied=True)
             self._environments[key] = None if pixels is None else pixels.color
         return self._environments[key]
+
+    def forget_unused(self) -> None:
+        """Environments that nobody has asked for since this was called last: a sequence has one for each frame."""
+        self._environments = {key: self._environments[key] for key in self._asked}
+        self._asked = set()
 
     def average(self, node) -> np.ndarray | None:
         """(4,) mean colour, weighted by alpha, and mean alpha. The pixels are not kept."""
@@ -73,9 +88,11 @@ class Images:
         """Why a node's image can't be shown: "image 'a.png' is missing"."""
         return f"image '{node.image.name}' {self._problems.get(self._key(node), 'has no pixels')}"
 
-    @staticmethod
-    def _key(node) -> tuple:
-        return (uid_of(node.image), node.image_user.frame_current) if node.image else (0, 0)
+    def _key(self, node) -> tuple:
+        if node.image is None:
+            return 0, 0
+        self._moving |= node.image.source in MOVING
+        return uid_of(node.image), node.image_user.frame_current
 
     def _read(self, node, multiplied: bool = False) -> Pixels | None:
         self._stop.check()

@@ -15,7 +15,8 @@ import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Mesh, Visibility
-from .kept import KeptMeshes
+from .faults import naming
+from .kept_meshes import KeptMeshes
 from .lights import LampKind, export_light, lamp_kind
 from .materials import MaterialTable
 from .meshes import export_mesh
@@ -97,7 +98,8 @@ class Placement:
             kind = known.get(key)
             if kind is None:
                 known[key] = kind = len(kinds)
-                kinds.append(self._kind(item, object_))
+                with naming("object", object_.name):
+                    kinds.append(self._kind(item, object_))
             of_item.append(kind)
 
         read = matrices_at_once if bpy.app.version >= (5, 0, 0) else matrices_one_by_one
@@ -127,7 +129,9 @@ class Placement:
             if number % ITEMS_A_CHECK == 0:
                 self._stop.check()
             matrix = np.array(matrices[item], np.float64, order="C")
-            light = export_light(self._lamp_kinds[kinds[item]], matrix, self._notes)
+            kind = self._lamp_kinds[kinds[item]]
+            with naming("light", kind.name):
+                light = export_light(kind, matrix, self._notes)
             if light is not None:
                 self.lights.append(light)
 
@@ -158,7 +162,7 @@ class Placement:
         mesh = self._mesh(item.instance_object or object_, object_.data, item.parent if item.is_instance else None)
         if mesh < 0:
             return NOTHING
-        first_slot, slot_count = self._slots(object_)
+        first_slot, slot_count = self._slots(object_, self._is_holdout(item, object_))
         self._object_names.append(object_.name)
         return Kind(mesh, first_slot, slot_count, int(visibility), len(self._object_names) - 1)
 
@@ -191,11 +195,10 @@ class Placement:
         finally:
             owner.to_mesh_clear()
 
-    def _slots(self, object_) -> tuple[int, int]:
+    def _slots(self, object_, holdout: bool) -> tuple[int, int]:
         """Where the object's materials begin in the table, and their number. Equal lists are stored once."""
-        slots = tuple(self._materials.index(slot.material) for slot in object_.material_slots)
-        slots = slots or tuple(self._materials.index(material) for material in object_.data.materials)
-        slots = slots or (self._materials.index(None),)
+        materials = [slot.material for slot in object_.material_slots] or list(object_.data.materials) or [None]
+        slots = tuple(self._materials.index(material, holdout) for material in materials)
         if slots not in self._slot_index:
             self._slot_index[slots] = len(self._slot_table)
             self._slot_table.extend(slots)
@@ -203,25 +206,32 @@ class Placement:
 
     def _visibility(self, item, object_) -> Visibility:
         """The rays that see the object and, for a duplicate, its instancer too (as in Cycles, blender/object.cpp)."""
-        owners = [object_, item.parent] if item.is_instance and item.parent else [object_]
         visibility = Visibility.ALL
+        owners = [object_, item.parent] if item.is_instance and item.parent else [object_]
         for owner in owners:
             for name, bit in VISIBILITY:
                 if not getattr(owner, name):
                     visibility &= ~bit
             if owner.is_shadow_catcher and owner.type == "MESH":  # Lamps have this flag set by default.
                 self._notes.warn("object", owner.name, "shadow catchers are not supported, drawn as it is")
-            holdout = owner.is_holdout
-            if self._layer_flags:
-                holdout |= owner.original.holdout_get(view_layer=self._view_layer)
-                if owner.original.indirect_only_get(view_layer=self._view_layer):
-                    visibility &= ~Visibility.CAMERA
-            if holdout:
-                self._notes.warn("object", owner.name, "holdouts are not supported, drawn as it is")
             if links_light(owner):
                 self._notes.warn("object", owner.name, "light linking is not supported, every lamp lights everything")
             note_object(owner, self._notes)
+        if self._is_indirect_only(item, object_):
+            visibility &= ~Visibility.CAMERA
         return visibility
+
+    def _is_indirect_only(self, item, object_) -> bool:
+        """By its collection in this view layer, which a holdout outranks."""
+        if not self._layer_flags or self._is_holdout(item, object_):
+            return False
+        return instancer_of(item, object_).original.indirect_only_get(view_layer=self._view_layer)
+
+    def _is_holdout(self, item, object_) -> bool:
+        """By itself, or by its collection in this view layer. Of a duplicate its instancer counts alone, as in Cycles,
+        blender/object.cpp."""
+        owner = instancer_of(item, object_)
+        return owner.is_holdout or (self._layer_flags and owner.original.holdout_get(view_layer=self._view_layer))
 
     def _note_hair(self, object_) -> None:
         for system in object_.particle_systems:
@@ -229,6 +239,11 @@ class Placement:
             if settings.type == "HAIR" and settings.render_type == "PATH":
                 what = f"hair of particle system '{system.name}' is not supported and left out"
                 self._notes.warn("object", object_.name, what)
+
+
+def instancer_of(item, object_):
+    """What places an item: the object itself where it is no duplicate."""
+    return item.parent if item.is_instance and item.parent else object_
 
 
 def matrices_at_once(items, count: int, stop: Stop) -> np.ndarray:

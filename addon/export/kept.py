@@ -1,42 +1,135 @@
-"""Exported meshes that are kept from one state of a viewport's scene to the next."""
+"""What the exports of a scene that changes have in common: those of a viewport, and those of an animation's frames.
+
+Blender says what it has evaluated again (see `changes`); all else is taken over.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import fields
+from typing import NamedTuple
 
-from ...engine import Mesh
-from .changes import uid_of
+import numpy as np
+
+from ...engine import Instances, Lamp, Prepared, Scene, World
+from .changes import Changes, changes_of, uid_of
+from .faults import naming
+from .images import Images
+from .kept_meshes import KeptMeshes
+from .materials.material import Exported, MaterialTable
+from .notes import Note, Notes
+from .stop import Stop
+from .world import export_world
 
 
-class KeptMeshes:
-    """By the evaluated datablock that each comes from, for as long as nothing that it depends on has changed.
+class _ExportedWorld(NamedTuple):
+    uid: int
+    world: World
+    notes: list[Note]
 
-    An evaluated datablock is told by its address. One that is freed may leave it to another, but that other one has
-    just been evaluated: nothing is taken over for an object or a datablock that `forget` was told of.
-    """
+
+class Kept:
+    """Of one view layer of one scene. New, it holds nothing."""
 
     def __init__(self) -> None:
-        self._meshes: dict[tuple, tuple[set[int], Mesh | None]] = {}  # with the `uid_of` all that it depends on
-        self._asked: dict[tuple, tuple[set[int], Mesh | None]] = {}  # the same, in the export that is under way
-        self._changed: set[int] = set()
+        self.stop = Stop()
+        self.meshes = KeptMeshes()
+        self.materials: dict[int, Exported] = {}  # by `uid_of`
+        self._image_notes = Notes()
+        self.images = Images(self._image_notes, self.stop)
+        self._world: _ExportedWorld | None = None
+        self._scene: Scene | None = None
+        self.prepared = Prepared()  # of the last export, by whoever rendered it
 
-    def get(self, data, owner, parent, export: Callable[[], Mesh | None]) -> Mesh | None:
-        """Of an evaluated bpy mesh that an object shows, which another one may have placed."""
-        key = (data.as_pointer(), uid_of(data), len(data.vertices), len(data.loops), len(data.polygons))
-        depends = {uid_of(data), uid_of(owner), uid_of(parent)}
-        if key not in self._asked:
-            kept = self._meshes.get(key) if depends.isdisjoint(self._changed) else None
-            self._asked[key] = kept or (depends, export())
-        return self._asked[key][1]
+    def hear(self, changes: Changes) -> None:
+        """Forget what has been evaluated again."""
+        self.meshes.forget(changes.geometry)
+        if changes.images:
+            self._image_notes = Notes()
+            self.images = Images(self._image_notes, self.stop)
+        for uid in list(self.materials) if changes.nodes else changes.materials:
+            self.materials.pop(uid, None)
+        if changes.world or changes.nodes:
+            self._world = None
 
-    def forget(self, uids: set[int]) -> None:
-        """These objects and datablocks, by their `uid_of`, have been evaluated again."""
-        self._changed |= uids
-        self._meshes = {key: kept for key, kept in self._meshes.items() if kept[0].isdisjoint(uids)}
+    def world(self, depsgraph, notes: Notes) -> World:
+        """Of the view layer."""
+        layer = depsgraph.view_layer_eval
+        shown = getattr(layer, "world_override", None) or depsgraph.scene_eval.world
+        shown = shown if layer.use_sky or depsgraph.mode == "VIEWPORT" else None
+        uid = uid_of(shown)
+        if self._world is not None and self._world.uid == uid:
+            notes.again(self._world.notes)
+            return self._world.world
+        self.images.lasting()
+        with notes.recorded() as own, naming("world", shown.name if shown else ""):
+            world = export_world(shown, own, self.images)
+        self._world = _ExportedWorld(uid, world, own.all) if self.images.lasting() else None
+        self.images.forget_unused()
+        return world
 
-    def forget_all(self) -> None:
-        self._meshes = {}
+    def table(self, depsgraph, notes: Notes) -> MaterialTable:
+        override = depsgraph.view_layer_eval.material_override
+        return MaterialTable(notes, self.images, override, self.stop, self.materials)
 
-    def finish(self) -> None:
-        """The export is over: what it didn't ask for is gone from the scene."""
-        self._meshes, self._asked, self._changed = self._asked, {}, set()
+    def placed(self, table: MaterialTable) -> None:
+        """All objects have been exported: what they didn't ask for is gone from the scene."""
+        self.meshes.finish()
+        self.materials = table.exported
+
+    def finish(self, scene: Scene, notes: Notes) -> None:
+        """All has been exported, into `scene`, which gets the parts of the last one where they are equal."""
+        notes.again(self._image_notes.all)
+        if self._scene is not None:
+            take_over(self._scene, scene)
+        self._scene = scene
+        self.stop.ask = None
+
+
+class KeptLayers:
+    """Of a renderer that is kept from frame to frame: `Kept` of each view layer."""
+
+    def __init__(self) -> None:
+        self._layers: dict[tuple[int, str], Kept] = {}
+
+    def of(self, depsgraph) -> Kept:
+        """Of the one that is about to be exported: a new one unless its last export came to its end."""
+        changes = changes_of(depsgraph.updates)
+        scene = depsgraph.scene
+        there = {(uid_of(scene), layer.name) for layer in scene.view_layers}
+        self._layers = {key: kept for key, kept in self._layers.items() if key in there}
+        for kept in self._layers.values():  # Blender has one graph for all of them, and says each change once
+            kept.hear(changes)
+        return self._layers.pop((uid_of(scene), depsgraph.view_layer.name), None) or Kept()
+
+    def keep(self, depsgraph, kept: Kept) -> None:
+        """Its export has come to its end."""
+        self._layers[uid_of(depsgraph.scene), depsgraph.view_layer.name] = kept
+
+
+def take_over(before: Scene, now: Scene) -> None:
+    """Replace parts of `now` by those of `before` that are equal, for who takes the same objects for unchanged."""
+    if _alike(before.meshes, now.meshes):
+        now.meshes = before.meshes
+    if _equal(before.instances, now.instances):
+        now.instances = before.instances
+    if len(before.lights) == len(now.lights) and all(map(_equal, before.lights, now.lights)):
+        now.lights = before.lights
+    if before.materials == now.materials:
+        now.materials = before.materials
+
+
+def same(a: Scene, b: Scene) -> bool:
+    """Whether all of it is the same objects."""
+    return all(getattr(a, field.name) is getattr(b, field.name) for field in fields(Scene))
+
+
+def _alike(a: list, b: list) -> bool:
+    """Whether two lists hold the same objects."""
+    return len(a) == len(b) and all(x is y for x, y in zip(a, b, strict=True))
+
+
+def _equal(a: Instances | Lamp, b: Instances | Lamp) -> bool:
+    """Whether two records hold equal arrays and values."""
+    return type(a) is type(b) and all(
+        np.array_equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a)
+    )

@@ -5,8 +5,9 @@ Each note is kept once, in the order of its first appearance.
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 # How much it matters: nothing can be rendered; the picture will not show it as asked; it doesn't change the picture.
@@ -64,6 +65,19 @@ class Notes:
     def fail(self, what: str) -> None:
         """Nothing can be rendered."""
         self.add(ERROR, "", "", what)
+
+    @contextlib.contextmanager
+    def recorded(self) -> Iterator[Notes]:
+        """Notes of their own, for what is kept with them, which are added to these at the end."""
+        own = Notes()
+        try:
+            yield own
+        finally:
+            self.again(own.all)
+
+    def again(self, notes: Iterable[Note]) -> None:
+        """What an export before has said, and this one does too."""
+        self._notes.update(dict.fromkeys(notes))
 
     @property
     def all(self) -> list[Note]:

@@ -9,24 +9,25 @@ import bpy
 
 from ...engine import Scene
 from .camera import border, export_camera, resolution
-from .images import Images
+from .faults import naming
 from .instances import Placement
-from .materials import MaterialTable
+from .kept import Kept
 from .notes import Notes
 from .settings import film_exposure
-from .stop import Stop
 from .unsupported import note_cycles_scene, note_view_layer
-from .world import export_world
 
 # What Blender ticks in new files, of this version or an older one, and what is no pass but a setting of one.
 NO_WISH = {"use_pass_combined", "use_pass_z", "use_pass_cryptomatte_accurate"}
 
 
-def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes | None = None) -> Scene:
+def export_scene(
+    depsgraph, stop: Callable[[], bool] | None = None, notes: Notes | None = None, kept: Kept | None = None
+) -> Scene:
     """Everything that the picture of an evaluated dependency graph depends on, as plain arrays.
 
     stop   asked often; once it says True, ExportStopped is raised
     notes  is told what is not drawn as asked, as data; the scene has the same as sentences
+    kept   of the export before of the same view layer, that has heard of all changes since; after an error it is spoilt
 
     Raises SceneError without a camera; all else that cannot be rendered is for `Scene.validate` to say. Nothing of
     Blender's is kept.
@@ -36,19 +37,20 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes
     render = scene.render
     width, height = resolution(render)
     notes = Notes() if notes is None else notes
-    stopping = Stop(stop)
-    images = Images(notes, stopping)
-    camera = export_camera(scene, notes)
-    materials = MaterialTable(notes, images, override=view_layer.material_override, stop=stopping)
-    placement = Placement(depsgraph, materials, notes, stopping)
-    shown = getattr(view_layer, "world_override", None) or scene.world
-    world = export_world(shown if view_layer.use_sky else None, notes, images)
+    kept = Kept() if kept is None else kept
+    kept.stop.ask = stop
+    with naming("camera", scene.camera.name if scene.camera else ""):
+        camera = export_camera(scene, notes)
+    materials = kept.table(depsgraph, notes)
+    placement = Placement(depsgraph, materials, notes, kept.stop, kept.meshes)
+    kept.placed(materials)
+    world = kept.world(depsgraph, notes)
     note_libraries(notes)
     note_scene(render, notes)
     note_cycles_scene(scene, notes)
     note_passes(view_layer, notes)
     note_view_layer(view_layer, notes)
-    return Scene(
+    exported = Scene(
         camera=camera,
         width=width,
         height=height,
@@ -60,9 +62,10 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes
         world=world,
         exposure=film_exposure(scene),
         transparent_film=render.film_transparent,
-        skipped=notes.skipped,
-        warnings=notes.warnings,
     )
+    kept.finish(exported, notes)
+    exported.skipped, exported.warnings = notes.skipped, notes.warnings
+    return exported
 
 
 def note_libraries(notes: Notes) -> None:

@@ -13,9 +13,9 @@ class Stop:
     """Blender's answer costs a microsecond: once for every mesh, image and thousandth instance is nothing."""
 
     def __init__(self, stop: Callable[[], bool] | None = None) -> None:
-        self._stop = stop
+        self.ask = stop
 
     def check(self) -> None:
         """Raises ExportStopped once the user has cancelled."""
-        if self._stop is not None and self._stop():
+        if self.ask is not None and self.ask():
             raise ExportStopped

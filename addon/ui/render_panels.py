@@ -180,6 +180,7 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
         sub = column.column()
         sub.enabled = render.threads_mode == "FIXED"
         sub.prop(render, "threads")
+        column.prop(render, "use_persistent_data", text="Persistent Data")
 
 
 CLASSES = (

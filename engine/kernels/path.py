@@ -38,7 +38,7 @@ from .records import (
 )
 from .sampler.random import hash32
 from .sampler.sobol import hash_pixel, sample_1d, start_sample
-from .tables import GLOSSY_RAY, KD, KS, TRANSPARENCY
+from .tables import GLOSSY_RAY, HOLDOUT, KD, KS, TRANSPARENCY
 from .vertex import camera_ray, clamp_limit, last_ray_finds_light, make_vertex, reflects, roulette, scatter
 
 
@@ -56,13 +56,23 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
         rays += 1
         if not met:
             if f.transparent_film and bounces.total == 0:
-                alpha = max(ONE - average(light.throughput), ZERO)
+                alpha = max(alpha - average(light.throughput), ZERO)
             break
         # What the ray met: emission, and perhaps it goes straight on.
         surface = find_surface(
             f, tables.geometry, hit_of(f, tables.geometry, memory.floats, memory.words), negate(ray.wi)
         )
         p, _, ng, material, triangle, inside = surface
+        if f.holdout and bounces.total == 0 and tables.geometry.materials[material, HOLDOUT] > ZERO:
+            through = material_color(tables.geometry, material, TRANSPARENCY)
+            behind = dimmed(light, through)
+            alpha = max(alpha - average(light.throughput) + average(behind.throughput), ZERO)
+            light, passed = behind, passed + 1
+            if is_black(through) or passed > MAX_TRANSPARENT:
+                break
+            numbers = Numbers(key, order, numbers.dimension + VERTEX_DECISIONS)
+            stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
+            continue
         found, own = emitted(f, tables, ray, p, material, triangle)
         if not is_black(found):
             light = gather(f, light, found)

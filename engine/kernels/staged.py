@@ -43,7 +43,8 @@ NONE = np.int64(0)  # not a plain 0, see `tables.words`
 
 def covers(f: Features) -> bool:
     """Whether this kernel does all that a scene with these features needs."""
-    return f.shared_light and not f.transparency and not f.ray_kinds and f.hemisphere != REJECTION
+    usual = f.shared_light and not f.transparency and not f.ray_kinds and not f.holdout
+    return usual and f.hemisphere != REJECTION
 
 
 # --- samples ---------------------------------------------------------------------------------------------------------

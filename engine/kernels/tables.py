@@ -22,7 +22,7 @@ LAMP_SHIFT = 4
 BAKED_MESH, INSTANCED_MESH, LAMP_QUADS, LAMP_SPHERES = 0, 1, 2, 3
 
 # Words of a material.
-KD, KS, EXPONENT, EMISSION, TRANSPARENCY, MATERIAL_WORDS = words(0, 3, 6, 7, 10, 16)
+KD, KS, EXPONENT, EMISSION, TRANSPARENCY, HOLDOUT, MATERIAL_WORDS = words(0, 3, 6, 7, 10, 13, 16)
 
 # Words of a lamp. RADIANCE holds W/sr where the lamp is a point. SIZE: half the lengths along x and y, or the radius.
 # SPOT_DROP: 1 - cos of half the cone's angle. TO_LOCAL: of spots, world to lamp space; of area lamps, two rows that

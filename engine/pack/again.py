@@ -11,28 +11,47 @@ import numpy as np
 
 from ..accel import SphereGeometry, TriangleGeometry
 from ..kernels.tables import EMISSION
+from ..prepared import Prepared
 from ..scene import Scene
 from ..settings import Settings
 from . import Packed, Parts, assemble, pack
 from .geometry import pack_materials
-from .lights import PackedLights, camera_reach, pack_lights
+from .lights import PackedLights, camera_reach, lamp_reach, pack_lights
 
 # A camera that has left the reach of the lamps' shapes finds so many times as much room.
 ROOM = 2.0
 
 
+def pack_next(prepared: Prepared, scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Packed:
+    """`pack(scene, settings, halt)` to the bit, with what still holds taken from what is prepared, and prepared in its
+    turn. What doesn't hold is freed before: there may be no room for both."""
+    before = prepared.take()
+    if before is not None and not _same_surfaces(before.parts, scene, pack_materials(scene)):
+        before = None
+    packed = pack(scene, settings, halt) if before is None else _refit(before, scene, settings, halt, exact=True)
+    prepared.put(packed)
+    return packed
+
+
 def pack_again(before: Packed, scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Packed:
-    """`pack(scene, settings, halt)`, with what still holds taken from a former result."""
-    materials = pack_materials(scene)
-    old = before.parts
-    if not _same_surfaces(old, scene, materials):
+    """`pack(scene, settings, halt)`, with what still holds taken from a former result. Shapes of lamps may reach
+    farther than they would if they were packed anew."""
+    if not _same_surfaces(before.parts, scene, pack_materials(scene)):
         return pack(scene, settings, halt)
+    return _refit(before, scene, settings, halt, exact=False)
+
+
+def _refit(before: Packed, scene: Scene, settings: Settings, halt: np.ndarray | None, exact: bool) -> Packed:
+    """For a scene with the same surfaces. exact: lamps' shapes reach as far as they would if they were packed anew."""
+    materials, old = pack_materials(scene), before.parts
     geometry = old.geometry.with_materials(materials)
     parts = Parts(scene, old.move, geometry, old.lights)
     far = 0 < old.lights.reach < _camera_reach(parts)
+    room = ROOM if far and not exact else 1.0
+    far |= exact and old.lights.reach != lamp_reach(old.move.scene(scene))
     if far or not _same_lights(old, scene, materials):
         environment = old.lights.environment if _same_world(old.scene, scene) else None
-        parts = parts._replace(lights=pack_lights(old.move.scene(scene), geometry, environment, ROOM if far else 1.0))
+        parts = parts._replace(lights=pack_lights(old.move.scene(scene), geometry, environment, room))
     accel = before.accel if _same_shapes(old.lights, parts.lights) else None
     return assemble(parts, settings, halt, accel)
 

@@ -10,6 +10,7 @@ from ..features import ELLIPSE, RECTANGLE, SPOT
 from ..kernels import tables as t
 from ..kernels.geom.vec import LUMINANCE
 from ..lighttree import build_light_tree
+from ..memory import OF_EMISSIVE_TRIANGLE, foresee
 from ..scene import AreaLight, Lamp, SpotLight, Visibility
 from .geometry import PackedGeometry
 from .lamps import corners_of
@@ -39,6 +40,7 @@ def mesh_emitters(packed: PackedGeometry, lamp_count: int) -> tuple[np.ndarray, 
     lit = (
         np.flatnonzero(glows[geometry.triangle_slot[: packed.baked_count]]) if np.any(glows) else np.zeros(0, np.int64)
     )
+    foresee({f"{len(lit):,} emissive triangles": OF_EMISSIVE_TRIANGLE * len(lit)})
     corners = geometry.vertices[geometry.triangles[lit]].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double_area = np.linalg.norm(normals, axis=1)

@@ -18,6 +18,7 @@ from ..kernels.tables import (
     BAKED_MESH,
     EMISSION,
     EXPONENT,
+    HOLDOUT,
     INSTANCED_MESH,
     KD,
     KS,
@@ -25,6 +26,7 @@ from ..kernels.tables import (
     TRANSPARENCY,
     Geometry,
 )
+from ..memory import foresee, need_of
 from ..scene import Instances, Mesh, Scene, Visibility
 
 # A mesh whose copies have no more triangles than this in all is baked: they fit the cache, and a two-level
@@ -70,6 +72,7 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
     materials = pack_materials(scene)
     baked, shared = _plan(scene, materials)
     meshes = [scene.meshes[mesh] for mesh, _ in baked] + [scene.meshes[mesh] for mesh in shared]
+    foresee(need_of(scene, meshes, sum(map(len, shared.values()))))
     out = _Triangles(meshes)
     shapes = _Shapes()
     _add_baked(scene, baked, out, shapes)
@@ -113,6 +116,7 @@ def _material_features(seen: np.ndarray) -> dict[str, int]:
     return {
         "phong": int(np.any(seen[:, KS : KS + 3] > 0)),
         "transparency": int(np.any(seen[:, TRANSPARENCY : TRANSPARENCY + 3] > 0)),
+        "holdout": int(np.any(seen[:, HOLDOUT] > 0)),
     }
 
 
@@ -257,6 +261,7 @@ def pack_materials(scene: Scene) -> np.ndarray:
         row[EXPONENT] = min(material.exponent, MAX_EXPONENT)
         row[EMISSION : EMISSION + 3] = material.emission
         row[TRANSPARENCY : TRANSPARENCY + 3] = material.transparency
+        row[HOLDOUT] = material.holdout
     return table
 
 

@@ -56,7 +56,7 @@ def pack_lights(
     lit = [light for light in scene.lights if _shines(light)]
     local: list[Lamp] = [light for light in lit if isinstance(light, PointLight | AreaLight)]
     suns = [light for light in lit if isinstance(light, SunLight)]
-    reach = room * _reach(scene) if any(isinstance(light, AreaLight) for light in local) else 0.0
+    reach = room * lamp_reach(scene)
     rows, kinds = _pack_local(local, reach)
     emitter_triangle, rectangles, triangle_emitter, of_meshes = mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
@@ -118,8 +118,10 @@ def _pack_local(local: list[Lamp], reach: float) -> tuple[np.ndarray, np.ndarray
     return rows, kinds
 
 
-def _reach(scene: Scene) -> float:
-    """The largest coordinate of its surfaces and of the camera."""
+def lamp_reach(scene: Scene) -> float:
+    """The largest coordinate of its surfaces and of the camera; 0 without lamps whose shapes have to suit it."""
+    if not any(isinstance(light, AreaLight) and _shines(light) for light in scene.lights):
+        return 0.0
     bounds = surface_bounds(scene)
     assert scene.camera is not None
     return max(camera_reach(scene.camera), 0.0 if bounds is None else float(np.abs(bounds).max()))

@@ -100,6 +100,7 @@ class Integrator:
         self.kd, self.ks, self.emission, self.transparency = (
             np.array(column, np.float64).reshape(-1, 3) for column in columns.values()
         )
+        self.holdout = np.array([m.holdout for m in scene.materials], bool)
         self.exponent = np.array([m.exponent for m in scene.materials], np.float64)
 
         self.mesh_light = MeshLight(self.geometry, self.emission)
@@ -162,8 +163,11 @@ class Integrator:
             if not len(paths):
                 break
             surface = self.geometry.surface(triangle, uv, -paths.direction)
+            held = (paths.kind == CAMERA) & self.holdout[self.geometry.material[triangle]]
+            through = self._hold_out(paths[held], _select(surface, held))
+            paths, surface = paths[~held], _select(surface, ~held)
             self._see_emission(paths, surface)
-            paths = self._go_on(paths, surface, rng)
+            paths = join([self._go_on(paths, surface, rng), through])
         return self.light, self.alpha
 
     # What a ray finds by itself
@@ -200,6 +204,14 @@ class Integrator:
         if self.transparent_film:
             camera = paths.kind == CAMERA
             self.alpha[paths.sample[camera]] -= paths.beta[camera].mean(axis=1)
+
+    def _hold_out(self, paths: Paths, surface: Surface) -> Paths:
+        """Cut what the camera sees out of the picture. What goes on are the rays through transparent surfaces."""
+        through = self.transparency[self.geometry.material[surface.triangle]]
+        self.alpha[paths.sample] -= (paths.beta * (1 - through)).mean(axis=1)
+        onward = _behind(paths, surface)
+        onward.beta = paths.beta * through
+        return onward[(onward.limit > 0) & onward.beta.any(axis=1)]
 
     def _see_emission(self, paths: Paths, surface: Surface) -> None:
         emission = self.emission[self.geometry.material[surface.triangle]]

@@ -59,6 +59,32 @@ def test_a_file_renders_from_the_command_line(blender, tmp_path) -> None:
     assert metadata == "4"
 
 
+ANIMATED = """
+bpy.ops.mesh.primitive_cube_add()
+bpy.context.object.driver_add("location", 0).driver.expression = "frame / 2"
+scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.5
+scene.frame_end, scene.render.use_persistent_data, scene.render.use_overwrite = 4, PERSISTENT, False
+"""
+
+
+def test_an_animation_from_the_command_line(blender, tmp_path) -> None:
+    """With and without what Blender keeps from frame to frame, and gone on with after two frames."""
+    import OpenImageIO as oiio
+
+    found = []
+    for persistent, ends in ((False, ["4"]), (True, ["2", "4"])):
+        folder = tmp_path / str(persistent)
+        folder.mkdir()
+        make_file(blender, folder / "moving.blend", ANIMATED.replace("PERSISTENT", str(persistent)))
+        for end in ends:
+            said = blender("-b", folder / "moving.blend", "-E", "LOBE", "-o", f"{folder}/", "-e", end, "-a")
+            assert "Error" not in said, said
+        found.append([oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT) for path in sorted(folder.glob("*.exr"))])
+    assert len(found[0]) == len(found[1]) == 4
+    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
+    assert not np.array_equal(found[0][0], found[0][3])
+
+
 def test_a_scene_without_a_camera_says_so(blender, tmp_path) -> None:
     make_file(blender, tmp_path / "blind.blend", "scene.camera = None")
     said = blender("-b", tmp_path / "blind.blend", "-E", "LOBE", "-o", tmp_path / "out", "-f", "1", code=1)

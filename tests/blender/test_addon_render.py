@@ -42,7 +42,7 @@ def fake(session, monkeypatch):
     """Replaces the tracing by `coordinates`, in as many steps as there are samples."""
     calls = []
 
-    def render(scene, settings, *, progress=None, stop=None):
+    def render(scene, settings, *, progress=None, stop=None, prepared=None):
         calls.append((scene, settings))
         done = 0
         while done < settings.samples and not stop():
@@ -223,7 +223,7 @@ def test_cancel_keeps_what_was_rendered(simple_scene, fake, rendered, report, br
 def test_cancel_does_not_wait_for_a_compilation(simple_scene, session, break_after, monkeypatch) -> None:
     deaf, ended = threading.Event(), threading.Event()
 
-    def render(scene, settings, *, progress=None, stop=None):
+    def render(scene, settings, *, progress=None, stop=None, prepared=None):
         progress(engine.Progress(0, 4, 0.0, None, "compiling (first time only)", lambda: None))
         assert deaf.wait(60.0)  # as a compiler is
         assert stop()

@@ -233,7 +233,6 @@ def test_exponent_and_roughness_are_inverse(exponent):
         ("ShaderNodeBsdfSheen", "Sheen BSDF"),
         ("ShaderNodeBsdfHair", "Hair BSDF"),
         ("ShaderNodeBsdfHairPrincipled", "Principled Hair BSDF"),
-        ("ShaderNodeHoldout", "Holdout"),
         ("ShaderNodeScript", "Script"),
     ],
 )
@@ -249,6 +248,19 @@ def test_unsupported_shaders_are_named_once(bl_idname, label):
     warnings = exported(material)[1]
     assert len(warnings) == 1
     assert warnings[0].startswith(f"material 'M': {label} is not supported, drawn as ")
+
+
+def test_the_holdout_shader_is_one_alone_and_named_in_a_mix():
+    material, holdout = new_material("M", "ShaderNodeHoldout")
+    found, warnings = exported(material)
+    assert found == engine.Material("M", holdout=True) and warnings == []
+    tree = material.node_tree
+    mix, diffuse = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    for shader, socket in ((holdout, 1), (diffuse, 2)):
+        tree.links.new(shader.outputs[0], mix.inputs[socket])
+    tree.links.new(mix.outputs[0], output_of(material).inputs["Surface"])
+    found, warnings = exported(material)
+    assert not found.holdout and warnings == ["material 'M': Holdout is not supported, drawn as black"]
 
 
 def test_normal_maps_volumes_and_displacement_are_named():

@@ -320,9 +320,12 @@ def test_indirect_only_and_holdout_collections():
     children["Indirect"].indirect_only = True
     children["Holdout"].holdout = True
     scene = exported()
-    visibility = dict(zip(scene.instances.object_names, scene.instances.visibility, strict=True))
+    instances = scene.instances
+    visibility = dict(zip(instances.object_names, instances.visibility, strict=True))
     assert visibility["Indirect"] == engine.Visibility.ALL & ~engine.Visibility.CAMERA
-    assert scene.warnings == ["object 'Holdout': holdouts are not supported, drawn as it is"]
+    slots = dict(zip(instances.object_names, instances.material_table[instances.material_offset], strict=True))
+    assert [scene.materials[slots[name]].holdout for name in ("Indirect", "Holdout")] == [False, True]
+    assert scene.warnings == []
 
 
 def test_shadow_catcher_is_named():

@@ -170,8 +170,6 @@ NAMED = {
     "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
                      "WARNING"),
     "samples of a view layer": (put(layer, samples=7), "its own number of samples (7)", "WARNING"),
-    "holdout object": (put(plane, is_holdout=True), "holdouts are not supported", "WARNING"),
-    "holdout collection": (lambda: collection_flag(holdout=True), "holdouts are not supported", "WARNING"),
     "shadow catcher": (put(plane, is_shadow_catcher=True), "shadow catchers are not supported", "WARNING"),
     "light linking": (None, "light linking is not supported", "WARNING"),
     "shadow linking": (None, "light linking is not supported", "WARNING"),
@@ -209,7 +207,9 @@ NAMED = {
         lambda: feed("BsdfDiffuse", "ShaderNodeVertexColor"), "is not supported and counts as unplugged", "WARNING"),
     "UDIM tiles": (None, "UDIM tiles are not supported", "WARNING"),
     "glass": (lambda: shader("ShaderNodeBsdfGlass"), "Glass BSDF is not supported", "WARNING"),
-    "holdout shader": (lambda: shader("ShaderNodeHoldout"), "Holdout is not supported", "WARNING"),
+    "holdout shader in a sum": (
+        lambda: shader("ShaderNodeAddShader") and feed("AddShader", "ShaderNodeHoldout", "Shader"),
+        "Holdout is not supported", "WARNING"),
     "clear coat": (
         lambda: shader("ShaderNodeEeveeSpecular", Clear_Coat=1.0), "clear coat is not supported", "WARNING"),
     "opaque shadows": (None, "opaque shadows of a transparent surface", "WARNING"),
@@ -399,6 +399,11 @@ HONOURED = {
     "indirect only": (
         lambda: collection_flag(indirect_only=True),
         lambda scene: sorted(v & 1 for v in scene.instances.visibility) == [0, 1]),
+    "holdout object": (put(plane, is_holdout=True), lambda scene: any(m.holdout for m in scene.materials)),
+    "holdout shader": (
+        lambda: shader("ShaderNodeHoldout"), lambda scene: any(m.holdout for m in scene.materials)),
+    "holdout collection": (
+        lambda: collection_flag(holdout=True), lambda scene: any(m.holdout for m in scene.materials)),
     "no shadow": (put(lamp, use_shadow=False), lambda scene: not scene.lights[0].cast_shadow),
     "soft falloff off": (put(lamp, use_soft_falloff=False), lambda scene: not scene.lights[0].soft_falloff),
     "exposure of the film": (
@@ -613,7 +618,8 @@ def test_lines_are_broken_between_words(part) -> None:
 
 def test_the_command_line_says_the_same(scene, part) -> None:
     three_of_glass()
-    assert blender_render.check(scene)[:2] == [
+    honoured, lines = blender_render.check(scene)
+    assert not honoured and lines[:2] == [
         "Not drawn as asked:",
         "      3  material    Glass BSDF is not supported, drawn as a glossy pane that light passes straight through: "
         "Other, Glass 0, Glass 1",
@@ -621,8 +627,9 @@ def test_the_command_line_says_the_same(scene, part) -> None:
 
 
 def test_the_command_line_of_a_scene_that_is_honoured(scene) -> None:
-    assert blender_render.check(scene) == ["Lobe draws everything in this scene as asked"]
+    assert blender_render.check(scene) == (True, ["Lobe draws everything in this scene as asked"])
     lamp().specular_factor = 0.0
-    lines = blender_render.check(scene)
+    honoured, lines = blender_render.check(scene)
+    assert honoured
     assert lines[:2] == ["Lobe draws everything in this scene as asked", "Left out, which changes nothing:"]
     assert len(lines) == 3

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.lobe.addon.export import LiveExport, export_viewport_settings, instances, live
-from bl_ext.user_default.lobe.addon.export.kept import KeptMeshes
+from bl_ext.user_default.lobe.addon.export import LiveExport, export_viewport_settings, instances, kept
+from bl_ext.user_default.lobe.addon.export.kept_meshes import KeptMeshes
 from bl_ext.user_default.lobe.addon.export.materials import material as materials
 from bl_ext.user_default.lobe.engine import SceneError
 
@@ -28,7 +28,7 @@ class Viewport:
         self._patch = monkeypatch
         self._count(instances, "export_mesh", "meshes")
         self._count(materials, "export_material", "materials")
-        self._count(live, "export_world", "worlds")
+        self._count(kept, "export_world", "worlds")
 
     def _count(self, module, function: str, name: str) -> None:
         whole = getattr(module, function)
@@ -301,7 +301,7 @@ def test_settings_of_a_viewport():
 
 
 def test_a_thousand_edits_keep_no_meshes(viewport):
-    kept = viewport.export._meshes
+    kept = viewport.export._kept.meshes
     for number in range(1000):
         data = bpy.data.objects["Cube.001"].data
         data.vertices[0].co.x = 1 + number / 1000

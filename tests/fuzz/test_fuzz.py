@@ -77,11 +77,13 @@ def test_a_case_is_known_by_its_number_alone():
     ],
 )
 def test_a_border_with_a_gap_is_noticed(monkeypatch, check, outcomes):
-    """Each of these checks gone; the messages without their names. Not those without which the process would crash."""
+    """Each of these checks gone; the messages without their names. Not those without which the process would crash.
+
+    One case in 500 gets by without the camera's: which depends on every field that there is."""
     nameless = validate.SceneError("something is wrong") if check == "scene_error" else None
     monkeypatch.setattr(validate, check, lambda *_: nameless)
     with np.errstate(all="ignore"):
-        verdicts = (odd_scenes.judge(case) for case in odd_scenes.cases(0, CASES))
+        verdicts = (odd_scenes.judge(case) for case in odd_scenes.cases(0, 8 * CASES))
         assert any(verdict.outcome in outcomes for verdict in verdicts)
 
 

@@ -105,6 +105,17 @@ def pane(visibility: Visibility) -> Scene:
     return scene
 
 
+def hole() -> Scene:
+    """A ball that shines and half passes light stands out of the picture, and in the reflections of its room."""
+    scene = scenes.lamp_room(["area"], SIZE, exponent=1000.0)
+    kind = {"kd": (0.2, 0.3, 0.3), "emission": (0.5, 0.2, 0.1), "transparency": (0.5, 0.3, 0.0)}
+    scene.materials += [Material("hole", holdout=True, **kind), Material("film", transparency=(0.6,) * 3)]
+    scene.add_instance(scenes.sphere_mesh(12, 0.4), scenes.place((0.1, 0, 0.5)), materials=(2,))
+    scene.add_instance(scenes.quad_mesh((-0.5, -0.6, 0), (0.5, 0, 0), (0, 0, 1)), materials=(3,))
+    scene.transparent_film = True
+    return scene
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "cornell": lambda: scenes.cornell(SIZE),
     "phong plates": lambda: scenes.phong_plates(SIZE),
@@ -126,6 +137,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "two shapes in one": lambda: coincident({}, {"size_x": 1.5}, kinds=("area", "ellipse")),
     "sphere and disk in one": lambda: coincident({}, {}, kinds=("soft", "sphere")),
     "pane hidden from shadow rays": lambda: pane(Visibility.ALL & ~Visibility.SHADOW),
+    "a hole": hole,
     "pane for shadow rays only": lambda: pane(Visibility.SHADOW),
     **{kind: lambda kind=kind: scenes.lamp_room([kind], SIZE) for kind in scenes.LAMP_KINDS},
 }

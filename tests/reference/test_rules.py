@@ -232,6 +232,35 @@ def test_transparent_film_still_lights(measure):
     assert picture.alpha == 1
 
 
+@pytest.mark.parametrize("transparent", [False, True])
+@pytest.mark.parametrize(("through", "film"), [(0.0, 1.0), (0.25, 1.0), (0.25, 0.5)])
+def test_a_holdout_is_a_hole(measure, transparent, through, film):
+    """In a white world, behind a film: nothing of it is seen but what it lets through, as alpha too."""
+    scene = Scene(width=4, height=4, camera=scenes.camera(half_width=0.1), world=World(color=ONE))
+    scene.transparent_film = transparent
+    scene.materials = [
+        Material("hole", kd=(0.2,) * 3, emission=ONE, transparency=(through,) * 3, holdout=True),
+        Material("film", transparency=(film,) * 3),
+    ]
+    for y, material in ((2, 0), (1, 1)):
+        scene.add_instance(scenes.quad_mesh((-9, y, -9), (18, 0, 0), (0, 0, 18)), materials=(material,))
+    picture = measure(scene, samples=16)
+    left = film * through
+    picture.check(0.0 if transparent else left)
+    assert picture.alpha == pytest.approx(1 - film * (1 - through) - (left if transparent else 0), abs=1e-4)
+
+
+def test_others_see_a_holdout_as_it_is(measure):
+    """Its light falls on a plate that the camera sees."""
+    scenes_of = [scenes.plate(Material("grey", kd=(0.5,) * 3)) for _ in range(2)]
+    for scene, holdout in zip(scenes_of, (False, True), strict=True):
+        scene.materials.append(Material("lamp", emission=ONE, holdout=holdout))
+        scene.add_instance(scenes.quad_mesh((1, -1, 0.5), (0, 2, 0), (0, 0, 2)), materials=(1,))
+    plain, held = (measure(scene, samples=64) for scene in scenes_of)
+    held.check_same(plain)
+    assert held.mean[0] > 0.01 and held.alpha == 1
+
+
 def test_exposure_scales_colour_and_not_alpha(measure):
     scene = scenes.furnace()
     scene.exposure = 3.0

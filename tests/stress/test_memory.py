@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import scenes
 
 import engine
+from engine import memory
 from engine.errors import LobeError, SceneError
 from engine.film import Film
 from engine.settings import Settings
@@ -67,3 +71,157 @@ def test_strips_are_the_whole_picture(shape):
     film.samples[:] = random.integers(0, 5, (height, width))
     expected = film.sums / np.maximum(film.samples, 1)[:, :, None] * (1.3, 1.3, 1.3, 1.0)
     assert np.array_equal(film.pixels(), expected.astype(np.float32))
+
+
+# --- foreseen ---------------------------------------------------------------------------------------------------
+
+ROOM_FOR = 100_000  # bytes that there are in these tests
+LESS = (
+    "close other programs, use fewer triangles (lower levels of subdivision, instances instead of copies), or set a "
+    "lower resolution"
+)
+
+
+def grid(side: int, smooth: bool = False) -> engine.Mesh:
+    """(side, side) squares of two triangles, a wavy sheet over the unit square."""
+    y, x = np.mgrid[: side + 1, : side + 1].astype(np.float32) / side
+    vertices = np.stack([x, y, 0.05 * np.sin(20 * x)], axis=-1).reshape(-1, 3)
+    first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    halves = [np.stack([first, first + a, first + b], 1) for a, b in ((1, side + 2), (side + 2, side + 1))]
+    normals = np.tile(np.float32([0, 0, 1]), (len(vertices), 1)) if smooth else None
+    return engine.Mesh("Sheet", vertices, np.concatenate(halves).astype(np.uint32), normals)
+
+
+@pytest.mark.parametrize(
+    ("make", "largest"),
+    [
+        (lambda scene: scene.add_instance(grid(60)), "7,202 triangles"),
+        (lambda scene: [setattr(scene, side, 64) for side in ("width", "height")], "64 x 64 pixels"),
+        (lambda scene: scattered(scene, 3000), "3,000 instances"),
+    ],
+    ids=["triangles", "pixels", "instances"],
+)
+def test_too_little_memory_is_known_before_the_build(monkeypatch, make, largest):
+    scene, built = scenes.plate(), []
+    make(scene)
+    monkeypatch.setattr("engine.memory.available", lambda: float(ROOM_FOR))
+    monkeypatch.setattr("engine.pack.Accel", lambda *_: built.append(1))
+    with pytest.raises(LobeError) as found:
+        engine.render(scene, Settings(samples=1))
+    said = str(found.value)
+    assert said.startswith("not enough memory: rendering takes some 0.0 GB, 0.0 of it for ") and not built
+    assert said.endswith(f" of it for {largest}, and 0.0 GB can be had: {LESS}")
+
+
+def test_too_many_emissive_triangles_for_the_memory(monkeypatch):
+    scene = scenes.plate()
+    scene.materials[0] = engine.Material("Glow", emission=(1.0, 1.0, 1.0))
+    scene.add_instance(grid(30))
+    monkeypatch.setattr("engine.memory.available", lambda: 400_000.0)
+    with pytest.raises(LobeError, match=r"of it for 1,80[0-9] emissive triangles, "):
+        engine.render(scene, Settings(samples=1))
+
+
+def scattered(scene: engine.Scene, count: int) -> None:
+    """So many placements of a mesh that is large enough to be shared."""
+    scene.add_instance(grid(8))
+    places = scene.instances
+    rows = np.r_[0, np.ones(count, np.intp)]
+    for name in ("mesh", "transforms", "material_offset", "slot_count", "visibility", "object"):
+        setattr(places, name, getattr(places, name)[rows])
+
+
+def test_where_there_is_enough_it_renders(monkeypatch):
+    """What is foreseen is the least that is needed: no scene that fits is refused."""
+    scene = scenes.plate()
+    need = sum(memory.need_of(scene, scene.meshes, 0).values())
+    monkeypatch.setattr("engine.memory.available", lambda: float(need))
+    assert engine.render(scene, Settings(samples=1)).samples == 1
+    monkeypatch.setattr("engine.memory.available", lambda: need - 1.0)
+    with pytest.raises(LobeError):
+        engine.render(scene, Settings(samples=1))
+
+
+def test_memory_that_runs_out_all_the_same_is_named(monkeypatch):
+    monkeypatch.setattr("engine.pack.pack_geometry", lambda *_: np.empty(1 << 57))
+    with pytest.raises(LobeError) as found:
+        engine.render(scenes.plate(), Settings(samples=1))
+    assert str(found.value) == f"not enough memory to render this scene: {LESS}"
+
+
+# In a process of its own: what packing a sheet takes, and what was foreseen, in bytes.
+MEASURED = """
+import sys
+sys.path[:0] = [{folder!r}, {folder!r} + "/tests", {folder!r} + "/tests/stress"]
+import resource, scenes
+from engine import Settings, memory
+from engine.pack import pack
+from test_memory import grid
+def resident():
+    return int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize()
+pack(scenes.plate(), Settings())
+scene = scenes.plate()
+scene.add_instance(grid({side}, smooth={smooth}))
+before = resident()
+packed = pack(scene, Settings())
+need = memory.need_of(scene, scene.meshes, 0)
+print(resident() - before, next(iter(need.values())))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measured on Linux")
+@pytest.mark.parametrize("smooth", [False, True])
+def test_what_is_foreseen_is_what_is_taken(repository, smooth):
+    code = MEASURED.format(folder=str(repository), side=1400, smooth=smooth)
+    taken, foreseen = map(int, run_alone(code).split())
+    assert 0.85 * taken < foreseen < 1.15 * taken
+
+
+# The same process, with an end to its memory before it renders: 7 million triangles, 0.3 GB.
+LIMITED = """
+import sys
+sys.path[:0] = [{folder!r}, {folder!r} + "/tests", {folder!r} + "/tests/stress"]
+import resource, scenes
+from engine import LobeError, Settings, render
+from test_memory import grid
+settings = Settings(samples=1, max_bounces=0, threads=1)
+assert render(scenes.plate(), settings).samples == 1
+scene = scenes.plate()
+scene.add_instance(grid(1870))
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + (200 << 20), -1))
+try:
+    render(scene, settings)
+except LobeError as error:
+    print(error)
+assert render(scenes.plate(), settings).samples == 1
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
+def test_a_scene_too_large_for_the_process_is_refused_and_others_go_on(repository):
+    said = run_alone(LIMITED.format(folder=str(repository)))
+    assert said.startswith("not enough memory: rendering takes some 0.3 GB, 0.3 of it for 6,993,80")
+    assert said.strip().endswith(LESS)
+
+
+def run_alone(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+
+
+# --- what there is ----------------------------------------------------------------------------------------------
+
+
+def test_there_is_some_memory():
+    assert 1e6 < memory.available() < 1e14
+
+
+def test_a_container_may_have_less(tmp_path):
+    (tmp_path / "memory.max").write_text("5000000\n")
+    (tmp_path / "memory.current").write_text("3000000\n")
+    assert memory._control_group(tmp_path) == 2e6
+    (tmp_path / "memory.stat").write_text("anon 7\ninactive_file 500000\nodd\n")
+    assert memory._control_group(tmp_path) == 2.5e6
+    (tmp_path / "memory.max").write_text("max\n")
+    assert memory._control_group(tmp_path) == np.inf
+    assert memory._control_group(tmp_path / "none") == np.inf

@@ -51,8 +51,9 @@ def test_check(repository, tmp_path):
     done = command(repository, scene, "--check")
     assert (done.returncode, done.stdout) == (0, "Lobe draws everything in this scene as asked\n")
     done = command(repository, scene, "--check", "--set", "scene.render.use_motion_blur=1")
-    assert done.returncode == 0
+    assert done.returncode == 1
     assert done.stdout == "Not drawn as asked:\n      -  scene       motion blur is not supported and left out\n"
+    fails(command(repository, scene, "--check", "--scene", "Nowhere"), "the file has no scene 'Nowhere'")
     assert {path.name for path in tmp_path.iterdir()} == before
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import bpy
 import numpy as np
 
 from ....engine import DEFAULT_MATERIAL, Material, SceneError
 from ..changes import uid_of
+from ..faults import naming
 from ..images import MISSING, Images
-from ..notes import Notes
+from ..notes import Note, Notes
 from ..stop import Stop
 from ..unsupported import note_material
 from .surface import Walk, merge_lobes
@@ -35,38 +38,57 @@ NEAREST = {
 BRIGHTEST = float(np.float32(1e30))
 
 
+class Exported(NamedTuple):
+    """A material, and what was said of it."""
+
+    material: Material
+    notes: list[Note]
+
+
 class MaterialTable:
     """Materials in the order they were first asked for; index 0 is the default of objects without any.
 
-    uids  `uid_of` each, 0 of the default
-    kept  by their uids, materials that were exported before
+    exported  by `uid_of`, those that are the same in the next frame if nothing has changed
+    kept      the same of an export before
     """
 
     def __init__(
         self, notes: Notes, images: Images, override=None, stop: Stop | None = None,
-        kept: Mapping[int, Material] | None = None,
+        kept: Mapping[int, Exported] | None = None,
     ) -> None:  # fmt: skip
         self.materials: list[Material] = [DEFAULT_MATERIAL]
-        self.uids: list[int] = [0]
+        self.exported: dict[int, Exported] = {}
         self._notes = notes
         self._images = images
         self._override = override  # The view layer's material override, which replaces all others.
         self._stop = stop or Stop()
-        self._known: dict[int, int] = {}
+        self._known: dict[tuple[int, bool], int] = {(0, False): 0}
         self._kept = kept or {}
 
-    def index(self, material) -> int:
-        """Of a bpy material, None for none."""
+    def index(self, material, holdout: bool = False) -> int:
+        """Of a bpy material, None for none, on an object that may be a holdout."""
         material = self._override or material
-        if material is None:
-            return 0
-        uid = uid_of(material)
-        if uid not in self._known:
-            self._known[uid] = len(self.materials)
-            exported = self._kept.get(uid) or export_material(material, self._notes, self._images, self._stop)
+        key = uid_of(material), holdout
+        if key not in self._known:
+            if holdout:
+                exported = replace(self.materials[self.index(material)], holdout=True)
+            else:
+                exported = self._export(key[0], material)
+            self._known[key] = len(self.materials)
             self.materials.append(exported)
-            self.uids.append(uid)
-        return self._known[uid]
+        return self._known[key]
+
+    def _export(self, uid: int, material) -> Material:
+        if uid in self._kept:
+            self._notes.again(self._kept[uid].notes)
+            self.exported[uid] = self._kept[uid]
+            return self._kept[uid].material
+        self._images.lasting()
+        with self._notes.recorded() as notes, naming("material", material.name_full):
+            exported = export_material(material, notes, self._images, self._stop)
+        if self._images.lasting():
+            self.exported[uid] = Exported(exported, notes.all)
+        return exported
 
 
 def export_material(material, notes: Notes, images: Images, stop: Stop) -> Material:
@@ -87,6 +109,10 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
     _note_linked(output, "Volume", "volumes are not supported and left out", note)
     _note_linked(output, "Displacement", "displacement is not supported, the surface stays as it is", note)
 
+    if is_hole(output):
+        note_material(material, False, notes)
+        return Material(name, holdout=True)
+
     def texture(_evaluator, slot: Slot) -> np.ndarray:
         return average_color(slot, images, note)
 
@@ -106,6 +132,12 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
         emission=rgb(surface.emission),
         transparency=rgb(np.minimum(surface.transparency, 1.0)),
     )
+
+
+def is_hole(output) -> bool:
+    """Whether the whole surface is the Holdout shader, which is black for all but the camera."""
+    shader = source(Slot(find_input(output, "Surface"))).socket
+    return shader.is_output and shader.node.bl_idname == "ShaderNodeHoldout"
 
 
 def uses_nodes(datablock) -> bool:

@@ -89,6 +89,7 @@ def specular(walk: Walk, slot: Slot) -> Surface:
 
 @shader_node("ShaderNodeHoldout")
 def holdout(walk: Walk, slot: Slot) -> Surface:
+    """Mixed with others: alone it isn't asked for, see `material.is_hole`."""
     _note(walk, slot, "black")
     return NOTHING
 

@@ -1,0 +1,120 @@
+"""Memory foreseen: what a scene will need, and what the computer has left, before anything large is made.
+
+Too little of it shows late and badly: on Linux the system ends Blender without a word, elsewhere it begins to swap.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from .errors import LobeError
+from .scene import Mesh, Scene
+
+# Bytes, measured with grids and loose triangles of 1 to 4 million: the tables of `pack` to the byte, Embree's structure
+# with compact leaves at 28 a triangle (67 with full ones, of which there are a million at most).
+OF_VERTEX, OF_NORMAL, OF_TRIANGLE, OF_NORMAL_INDICES = 12, 12, 12 + 4 + 28, 12
+OF_EMISSIVE_TRIANGLE = 330  # of the light tree and what it is made from
+OF_INSTANCE = 48 + 8 + 64
+# The film's sums and counts, a picture of it, and Blender's copy.
+OF_PIXEL = 4 * 8 + 4 + 4 * 4 + 4 * 4
+
+ADVICE = (
+    "close other programs, use fewer triangles (lower levels of subdivision, instances instead of copies), or set a "
+    "lower resolution"
+)
+CONTROL_GROUP = Path("/sys/fs/cgroup")
+
+
+def need_of(scene: Scene, meshes: list[Mesh], instances: int) -> dict[str, int]:
+    """Bytes by what they are for, largest first. meshes: of those that are stored, one for each time; instances: the
+    number of placements that are Embree's."""
+    triangles, vertices = sum(len(mesh.triangles) for mesh in meshes), sum(len(mesh.vertices) for mesh in meshes)
+    normals = sum(len(mesh.normals) for mesh in meshes if mesh.normals is not None)
+    of_meshes = OF_TRIANGLE * triangles + OF_VERTEX * vertices + OF_NORMAL * normals
+    if normals and any(mesh.normals is None or mesh.normal_indices is not None for mesh in meshes):
+        of_meshes += OF_NORMAL_INDICES * triangles  # else normals are numbered as vertices are
+    x0, y0, x1, y1 = scene.render_region
+    need = {
+        f"{triangles:,} triangles": of_meshes,
+        f"{instances:,} instances": OF_INSTANCE * instances,
+        f"{x1 - x0} x {y1 - y0} pixels": OF_PIXEL * (x1 - x0) * (y1 - y0),
+    }
+    return dict(sorted(need.items(), key=lambda item: -item[1]))
+
+
+def foresee(need: dict[str, int]) -> None:
+    """Raises LobeError where there is certainly not so much memory."""
+    there, wanted = available(), sum(need.values())
+    if wanted <= there:
+        return
+    what, most = next(iter(need.items()))
+    raise LobeError(
+        f"not enough memory: rendering takes some {wanted / 1e9:.1f} GB, {most / 1e9:.1f} of it for {what}, and "
+        f"{there / 1e9:.1f} GB can be had: {ADVICE}"
+    )
+
+
+def available() -> float:
+    """Bytes that this process can still get, swap space included; infinite where the system doesn't tell."""
+    if sys.platform == "win32":
+        return _windows()
+    if sys.platform == "darwin":  # swaps into files that grow: what is more than all there is would never end
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    return max(min(_linux(), _control_group(CONTROL_GROUP), _limit()), 0.0)
+
+
+def _linux() -> float:
+    lines = _numbers(Path("/proc/meminfo"))
+    if "MemAvailable:" not in lines:
+        return np.inf
+    return 1024.0 * (lines["MemAvailable:"] + lines.get("SwapFree:", 0))
+
+
+def _control_group(folder: Path) -> float:
+    """Of a container, by version 2 of Linux's control groups."""
+    try:
+        most, used = (folder / "memory.max").read_text().strip(), int((folder / "memory.current").read_text())
+    except (OSError, ValueError):
+        return np.inf
+    files = _numbers(folder / "memory.stat").get("inactive_file", 0)  # copies of files, that make room
+    return np.inf if most == "max" else float(int(most) - used + files)
+
+
+def _limit() -> float:
+    """What `ulimit -v` leaves."""
+    import resource
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if soft == resource.RLIM_INFINITY:
+        return np.inf
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (OSError, ValueError):
+        return float(soft)
+    return float(soft - pages * resource.getpagesize())
+
+
+def _numbers(path: Path) -> dict[str, int]:
+    """Of a file with a name and a number in each line."""
+    try:
+        rows = [line.split() for line in path.read_text().splitlines()]
+    except OSError:
+        return {}
+    return {row[0]: int(row[1]) for row in rows if len(row) > 1 and row[1].isdigit()}
+
+
+def _windows() -> float:
+    class Status(ctypes.Structure):  # MEMORYSTATUSEX of sysinfoapi.h
+        _fields_ = [("size", ctypes.c_ulong), ("load", ctypes.c_ulong)] + [
+            (name, ctypes.c_ulonglong)
+            for name in ("total", "available", "page_total", "page_available", "own_total", "own_available", "extended")
+        ]
+
+    status = Status(size=ctypes.sizeof(Status))
+    kernel32 = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined]
+    return float(status.page_available) if kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else np.inf
