@@ -158,6 +158,7 @@ class _Triangles:
         self.triangles = _corners(triangles)
         self.slots = np.empty(triangles, np.int32)
         self.normals = np.empty((normals + VERTEX_PADDING, 3), np.float32)
+        self.normals[normals:] = 0
         # Where every vertex of every mesh has its normal, the two are numbered alike.
         self._alike = all(m.normals is not None and m.normal_indices is None for m in meshes)
         self._alike &= normals == vertices
