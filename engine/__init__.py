@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from .errors import LobeError, SceneError, SettingsError
 from .interactive import Interactive
+from .passes import PASSES
 from .result import Picture, Progress, Result
 from .scene import (
     DEFAULT_MATERIAL,
@@ -34,6 +35,7 @@ from .settings import CHOICES, RANGES, Settings
 __all__ = [
     "CHOICES",
     "DEFAULT_MATERIAL",
+    "PASSES",
     "RANGES",
     "Aperture",
     "AreaLight",

@@ -113,4 +113,5 @@ _DECLARED: dict[str, tuple[str, Callable]] = {
     "list[Material]": ("a list of Materials", _list_of(_is_a("Material"))),
     "list[Lamp]": ("a list of lamps", _list_of(_is_a("Lamp"))),
     "list[str]": ("a list of texts", _list_of(_is_text)),
+    "tuple[str, ...]": ("a tuple of texts", lambda value: isinstance(value, tuple) and all(map(_is_text, value))),
 }

@@ -24,10 +24,12 @@ from .film import Film
 from .kernels.batch import BATCH
 from .kernels.embree import build_monitor, lamp_filter
 from .kernels.jit import lost_cache
+from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
 from .kernels.tile import make_tile_kernel, new_memory
 from .lighttree import load_builder
 from .pack import Packed, pack
+from .passes import LIGHT
 from .result import Progress, Result
 from .scene import Camera, Scene
 from .settings import Settings
@@ -40,6 +42,7 @@ POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
+NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
 tile_kernel = cache(make_tile_kernel)
 
@@ -113,7 +116,7 @@ class _Render:
 
     def __init__(self, scene: Scene, settings: Settings, watch: _Watch):
         self.scene, self.settings, self.watch = scene, settings, watch
-        self.film = Film(scene.render_region, scene.exposure)
+        self.film = Film(scene.render_region, scene.exposure, settings.passes)
         self.result = Result(
             pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
         )
@@ -138,7 +141,7 @@ class _Render:
         finally:
             self.halt[0] = 1
             self.pool.shutdown(wait=False, cancel_futures=True)
-        result.pixels = film.pixels()
+        result.pixels, result.passes = film.pixels(), film.pass_pictures()
         result.samples = float(film.samples.mean()) if film.samples.size else 0.0
         if result.rejected:
             result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
@@ -220,13 +223,14 @@ def render_tiles(
     origin = np.array(film.region[:2], np.int64)
     half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
     memory = new_memory(packed.features, packed.lights.shape_count)
+    parts = PartSums(film.passes.parts, film.passes.part_columns) if film.passes else NO_PARTS
     counters, rays = np.zeros(COUNTERS, np.int64), 0
     for tile in tiles:
         if halt[0] or time.perf_counter() > deadline:
             break
         rays += render_tile(
-            tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, counters,
-            halt,
+            tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, parts,
+            counters, halt,
         )  # fmt: skip
     return rays, counters
 
@@ -304,7 +308,7 @@ def load_kernel(packed: Packed, settings: Settings) -> None:
         tile_kernel(packed.features)(
             _tables(packed), limits, new_memory(packed.features), (0, 0, 0, 0), 0, 0, np.uint32(0),
             np.zeros(2, np.int64), np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)),
-            np.ones((1, 1), np.bool_), np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
+            np.ones((1, 1), np.bool_), NO_PARTS, np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
         )  # fmt: skip
 
 

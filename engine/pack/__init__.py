@@ -18,6 +18,7 @@ from ..kernels.camera import pack_camera
 from ..kernels.film.filter import build_filter_table
 from ..kernels.sampler.sobol import build_sobol_table
 from ..kernels.tables import Geometry, Lights
+from ..passes import has_light_passes
 from ..scene import Scene
 from ..settings import CHOICES, Settings
 from .geometry import PackedGeometry, pack_geometry
@@ -118,5 +119,6 @@ def _features(parts: Parts, settings: Settings) -> Features:
         transparent_film=int(parts.scene.transparent_film),
         hemisphere=CHOICES["hemisphere_sampling"].index(settings.hemisphere_sampling),
         lobe_selection=CHOICES["lobe_selection"].index(settings.lobe_selection),
+        light_passes=int(has_light_passes(settings.passes)),
         clamp=int(settings.clamp_direct > 0 or settings.clamp_indirect > 0),
     )
