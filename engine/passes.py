@@ -50,15 +50,11 @@ class PassFilm:
 
     def __init__(self, shape: tuple[int, int], wanted: Iterable[str]):
         self.wanted = tuple(wanted)
-        needed = {*self.wanted, *(COLOR_OF[name] for name in self.wanted if name in COLOR_OF)}
+        needed = all_needed(self.wanted)
         self.part_columns, width = _columns(LIGHT, needed)
         self.parts = np.zeros((*shape, width) if width else (1, 1, 1))
         self.columns, width = _columns(DATA, needed)
         self.data = np.zeros((*shape, width + 1) if width else (1, 1, 1))
-
-    @property
-    def has_data(self) -> bool:
-        return bool((self.columns >= 0).any())
 
     def pictures(self, samples: np.ndarray, exposure: float) -> dict[str, np.ndarray]:
         """(h, w, channels) float32 of each pass. samples (h, w), of the film."""
@@ -79,8 +75,18 @@ class PassFilm:
         return found if name in MIDDLE else found / np.maximum(self.data[:, :, -1:], 1)
 
 
+def all_needed(wanted: Iterable[str]) -> set[str]:
+    """The passes and the colours that they are divided by."""
+    wanted = set(wanted)
+    return wanted | {COLOR_OF[name] for name in wanted if name in COLOR_OF}
+
+
 def has_light_passes(wanted: Iterable[str]) -> bool:
     return not set(LIGHT).isdisjoint(wanted)
+
+
+def has_data_passes(wanted: Iterable[str]) -> bool:
+    return not set(DATA).isdisjoint(all_needed(wanted))
 
 
 def divided(light: np.ndarray, color: np.ndarray) -> np.ndarray:

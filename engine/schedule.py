@@ -22,7 +22,8 @@ from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.batch import BATCH
-from .kernels.embree import build_monitor, lamp_filter
+from .kernels.embree import build_monitor, lamp_filter, new_ray
+from .kernels.first_hit import make_first_hit_kernel
 from .kernels.jit import lost_cache
 from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
@@ -45,6 +46,7 @@ NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for Adap
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
 tile_kernel = cache(make_tile_kernel)
+first_hit_kernel = cache(make_first_hit_kernel)
 
 
 class Stopped(Exception):
@@ -224,6 +226,7 @@ def render_tiles(
     half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
     memory = new_memory(packed.features, packed.lights.shape_count)
     parts = PartSums(film.passes.parts, film.passes.part_columns) if film.passes else NO_PARTS
+    look = _first_hits(packed, film, seed, active) if packed.surfaces else None
     counters, rays = np.zeros(COUNTERS, np.int64), 0
     for tile in tiles:
         if halt[0] or time.perf_counter() > deadline:
@@ -232,7 +235,29 @@ def render_tiles(
             tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, parts,
             counters, halt,
         )  # fmt: skip
+        if look is not None:
+            rays += look(tile, first, count, halt)
     return rays, counters
+
+
+def _first_hits(packed: Packed, film: Film, seed: np.uint32, active: np.ndarray) -> Callable:
+    """`look(tile, first, count, halt)` sums up what these samples see first. Returns the rays traced."""
+    assert film.passes is not None
+    kernel, tables, memory = first_hit_kernel(_seen_first(packed.features)), _tables(packed), new_ray()
+    origin, data, columns = np.array(film.region[:2], np.int64), film.passes.data, film.passes.columns
+
+    def look(tile, first: int, count: int, halt: np.ndarray) -> int:
+        return kernel(
+            tables, packed.surfaces, memory, tile, first, count, seed, origin, data, columns, active, halt
+        )  # fmt: skip
+
+    return look
+
+
+def _seen_first(features: Features) -> Features:
+    """Those of a scene's features that decide what the camera sees first: scenes with the same share a kernel."""
+    names = ("smooth", "instances", "transparency", "mesh_emitters", "world", "orthographic", "lens", "transparent_film")
+    return Features(**{name: getattr(features, name) for name in names})
 
 
 def small_functions(scene: Scene) -> Iterator[Callable]:
@@ -310,6 +335,10 @@ def load_kernel(packed: Packed, settings: Settings) -> None:
             np.zeros(2, np.int64), np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)),
             np.ones((1, 1), np.bool_), NO_PARTS, np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
         )  # fmt: skip
+        if packed.surfaces:
+            film = Film((0, 0, 1, 1), 1.0, settings.passes)
+            look = _first_hits(packed, film, np.uint32(0), np.ones((1, 1), np.bool_))
+            look((0, 0, 0, 0), 0, 0, np.zeros(1, np.uint8))
 
 
 @contextlib.contextmanager
