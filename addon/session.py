@@ -17,6 +17,7 @@ from .. import engine as lobe
 from . import scene_report
 from .export import ExportStopped, Notes, export_scene, export_settings
 from .memory import current_and_peak_mb
+from .passes import fill_passes, wanted_passes
 from .report import add_layer
 
 TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
@@ -43,7 +44,8 @@ class Session:
         engine.update_stats("", "Exporting")
         self.engine = engine
         self.layer = depsgraph.view_layer_eval.name
-        self.settings = export_settings(depsgraph.scene_eval)
+        passes = () if engine.is_preview else wanted_passes(depsgraph.view_layer_eval)
+        self.settings = dataclasses.replace(export_settings(depsgraph.scene_eval), passes=passes)
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
@@ -70,7 +72,7 @@ class Session:
             if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
                 report["stopped"] = True
             else:
-                picture.show(result.pixels)
+                picture.show(result.pixels, result.passes)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)
                 report["scene_key"] = self.scene_key
@@ -200,13 +202,15 @@ class _Picture:
         # Blender clamps the rectangle to what it renders itself.
         self.shape = (self.result.resolution_y, self.result.resolution_x)
 
-    def show(self, pixels: np.ndarray) -> None:
+    def show(self, pixels: np.ndarray, passes: dict[str, np.ndarray] | None = None) -> None:
+        """passes: by the engine's names, where they are finished."""
         if pixels.shape[:2] != self.shape:
             raise RuntimeError(f"the picture is {pixels.shape[:2]} pixels high and wide, Blender expects {self.shape}")
         flat = np.ascontiguousarray(pixels, dtype=np.float32).reshape(-1)
         for render_pass in self.result.layers[0].passes:
             if render_pass.name == "Combined":  # one for each view
                 render_pass.rect.foreach_set(flat)
+        fill_passes(self.result.layers[0], passes or {})
         self.engine.update_result(self.result)
 
     def close(self, discard: bool) -> None:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import bpy
 
-from ...engine import Scene
+from ...engine import Mist, Scene
+from ..passes import KINDS, wanted_passes
 from .camera import border, export_camera, resolution
 from .images import Images
 from .instances import Placement
@@ -18,8 +19,10 @@ from .stop import Stop
 from .unsupported import note_cycles_scene, note_view_layer
 from .world import export_world
 
-# What Blender ticks in new files, of this version or an older one, and what is no pass but a setting of one.
-NO_WISH = {"use_pass_combined", "use_pass_z", "use_pass_cryptomatte_accurate"}
+# What is no pass but the picture itself, and a setting of one.
+NO_WISH = {"use_pass_combined", "use_pass_cryptomatte_accurate"}
+# Exponents of Blender's mist, see Cycles' blender/sync.cpp.
+MIST_FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
 
 
 def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes | None = None) -> Scene:
@@ -40,7 +43,7 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes
     images = Images(notes, stopping)
     camera = export_camera(scene, notes)
     materials = MaterialTable(notes, images, override=view_layer.material_override, stop=stopping)
-    placement = Placement(depsgraph, materials, notes, stopping)
+    placement = Placement(depsgraph, materials, notes, stopping, with_uvs="UV" in wanted_passes(view_layer))
     shown = getattr(view_layer, "world_override", None) or scene.world
     world = export_world(shown if view_layer.use_sky else None, notes, images)
     note_libraries(notes)
@@ -60,9 +63,19 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes
         world=world,
         exposure=film_exposure(scene),
         transparent_film=render.film_transparent,
+        mist=export_mist(scene.world),
+        occlusion_distance=scene.world.light_settings.distance if scene.world else Scene.occlusion_distance,
         skipped=notes.skipped,
         warnings=notes.warnings,
     )
+
+
+def export_mist(world) -> Mist:
+    """Of the scene's world, whichever the view layer shows: so does Cycles."""
+    if world is None:
+        return Mist()
+    mist = world.mist_settings
+    return Mist(mist.start, mist.depth, MIST_FALLOFF[mist.falloff])
 
 
 def note_libraries(notes: Notes) -> None:
@@ -86,12 +99,14 @@ def note_scene(render, notes: Notes) -> None:
 
 def note_passes(view_layer, notes: Notes) -> None:
     """Names the passes that are ticked and stay away."""
+    made = {kind.box for kind in KINDS.values()}
     ticked = [
         prop.name
         for prop in view_layer.bl_rna.properties
         if prop.identifier.startswith("use_pass_")
         and prop.identifier not in NO_WISH
+        and prop.identifier not in made
         and getattr(view_layer, prop.identifier)
     ]
     if ticked:
-        notes.warn("view layer", view_layer.name, f"only the Combined pass is supported, not {', '.join(ticked)}")
+        notes.warn("view layer", view_layer.name, f"these passes are not supported: {', '.join(ticked)}")

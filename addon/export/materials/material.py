@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -64,6 +65,8 @@ class MaterialTable:
         if uid not in self._known:
             self._known[uid] = len(self.materials)
             exported = self._kept.get(uid) or export_material(material, self._notes, self._images, self._stop)
+            if exported.pass_index != material.pass_index:
+                exported = replace(exported, pass_index=material.pass_index)
             self.materials.append(exported)
             self.uids.append(uid)
         return self._known[uid]
