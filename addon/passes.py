@@ -51,8 +51,8 @@ class LobeViewLayer(bpy.types.PropertyGroup):
 
     denoising_data: BoolProperty(
         name="Denoising Data",
-        description="Albedo and normal of the first surface, for the compositor's Denoise node: without noise, for it to "
-        "tell edges from noise. Takes the time of one more ray for each sample, and 24 bytes a pixel",
+        description="Albedo and normal of the first surface, by which the compositor's Denoise node tells edges from "
+        "noise. Takes the time of one more ray for each sample",
     )
     pass_sample_count: BoolProperty(
         name="Sample Count",
@@ -67,7 +67,8 @@ def blender_name(name: str) -> str:
 
 
 def wanted_passes(view_layer) -> tuple[str, ...]:
-    """The engine's names of the passes whose boxes are ticked."""
+    """The engine's names of the passes whose boxes are ticked. Of an original view layer: asking an evaluated one for
+    Lobe's group would make it one, which nobody frees."""
     own = getattr(view_layer, "lobe", None)  # absent where the add-on isn't registered
     return tuple(name for name, kind in KINDS.items() if getattr(view_layer, kind.box, getattr(own, kind.box, False)))
 
@@ -91,7 +92,9 @@ def fill_passes(layer, pictures: dict[str, np.ndarray]) -> None:
 
 def register() -> None:
     bpy.utils.register_class(LobeViewLayer)
-    bpy.types.ViewLayer.lobe = PointerProperty(type=LobeViewLayer, name="Lobe", description="Passes of the Lobe renderer")
+    bpy.types.ViewLayer.lobe = PointerProperty(
+        type=LobeViewLayer, name="Lobe", description="Passes of the Lobe renderer"
+    )
 
 
 def unregister() -> None:

@@ -1,4 +1,5 @@
-"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own).
+"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own,
+and the passes, which are a view layer's).
 
 Defaults and ranges are the engine's, so they cannot drift apart; names, units and costs for the user stand here.
 """

@@ -44,7 +44,7 @@ class Session:
         engine.update_stats("", "Exporting")
         self.engine = engine
         self.layer = depsgraph.view_layer_eval.name
-        passes = () if engine.is_preview else wanted_passes(depsgraph.view_layer_eval)
+        passes = () if engine.is_preview else wanted_passes(depsgraph.view_layer)
         self.settings = dataclasses.replace(export_settings(depsgraph.scene_eval), passes=passes)
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)

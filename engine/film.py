@@ -29,7 +29,7 @@ class Film:
         with self._memory("sum up", np.float64):
             self.sums = np.zeros((y1 - y0, x1 - x0, 4))
             self.samples = np.zeros((y1 - y0, x1 - x0), np.int32)
-            self.passes = PassFilm(self.samples.shape, passes) if passes else None
+            self.passes = PassFilm((y1 - y0, x1 - x0), passes) if passes else None
 
     def pixels(self) -> np.ndarray:
         """(h, w, 4) float32, scene-linear, premultiplied; black where there is no sample yet.

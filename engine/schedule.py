@@ -226,7 +226,7 @@ def render_tiles(
     half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
     memory = new_memory(packed.features, packed.lights.shape_count)
     parts = PartSums(film.passes.parts, film.passes.part_columns) if film.passes else NO_PARTS
-    look = _first_hits(packed, film, seed, active) if packed.surfaces else None
+    look = _first_hits(packed, film, seed, active) if packed.surfaces and film.passes else None
     counters, rays = np.zeros(COUNTERS, np.int64), 0
     for tile in tiles:
         if halt[0] or time.perf_counter() > deadline:
@@ -256,7 +256,16 @@ def _first_hits(packed: Packed, film: Film, seed: np.uint32, active: np.ndarray)
 
 def _seen_first(features: Features) -> Features:
     """Those of a scene's features that decide what the camera sees first: scenes with the same share a kernel."""
-    names = ("smooth", "instances", "transparency", "mesh_emitters", "world", "orthographic", "lens", "transparent_film")
+    names = (
+        "smooth",
+        "instances",
+        "transparency",
+        "mesh_emitters",
+        "world",
+        "orthographic",
+        "lens",
+        "transparent_film",
+    )
     return Features(**{name: getattr(features, name) for name in names})
 
 

@@ -43,7 +43,7 @@ def export_scene(depsgraph, stop: Callable[[], bool] | None = None, notes: Notes
     images = Images(notes, stopping)
     camera = export_camera(scene, notes)
     materials = MaterialTable(notes, images, override=view_layer.material_override, stop=stopping)
-    placement = Placement(depsgraph, materials, notes, stopping, with_uvs="UV" in wanted_passes(view_layer))
+    placement = Placement(depsgraph, materials, notes, stopping, with_uvs="UV" in wanted_passes(depsgraph.view_layer))
     shown = getattr(view_layer, "world_override", None) or scene.world
     world = export_world(shown if view_layer.use_sky else None, notes, images)
     note_libraries(notes)

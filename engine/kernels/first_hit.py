@@ -170,9 +170,7 @@ def _add_sample(f, tables, surfaces, memory, out, columns, pixel_x, pixel_y, pix
     for _ in range(MAX_TRANSPARENT):
         accel, floats = tables.geometry.accel[0], memory.floats
         rays += 1
-        if not intersect(
-            accel, floats, memory.words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, CAMERA_RAY
-        ):
+        if not intersect(accel, floats, memory.words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, CAMERA_RAY):
             if f.world != DARK_WORLD:
                 _add_3(out, columns, ALBEDO, mul(through, world_behind(f, tables, ray.wi)))
             break
@@ -216,7 +214,7 @@ def _add_surface(f, tables, surfaces, out, columns, surface, through, weight):
         _add_3(out, columns, CAMERA_NORMAL, scale(_to_camera(tables.camera, n), average(weight)))
 
 
-# --- the middle of the pixel -------------------------------------------------------------------------------------------
+# --- the middle of the pixel ------------------------------------------------------------------------------------------
 
 
 @device
@@ -261,10 +259,10 @@ def _write(tables, surfaces, out, columns, surface, hit):
 @device
 def _any_of(columns, first, end):
     """Whether any of these is summed up."""
+    found = False
     for data in range(first, end):
-        if columns[data] >= 0:
-            return True
-    return False
+        found |= columns[data] >= 0
+    return found
 
 
 def make_first_hit_kernel(features: Features):
@@ -291,9 +289,7 @@ def make_first_hit_kernel(features: Features):
                     rays += _look_once(features, tables, surfaces, memory, out, columns, x, y)
                 if means:
                     for index in range(first_sample, first_sample + sample_count):
-                        rays += _add_sample(
-                            features, tables, surfaces, memory, out, columns, x, y, pixel_hash, index
-                        )
+                        rays += _add_sample(features, tables, surfaces, memory, out, columns, x, y, pixel_hash, index)
                     out[-1] += sample_count
         return rays
 

@@ -48,7 +48,7 @@ def credit(parts, row, place, light, mask):
 
 @device
 def credit_lobes(parts, scatterings, share, place, light, mask):
-    """What has come was scattered so often, and the row `share` says how much of it the diffuse lobe scattered first."""
+    """What has come was scattered so often; the row `share` says how much of it the diffuse lobe scattered first."""
     _add_lobes(parts, scatterings, share, place, _growth(parts, place, light, mask), mask)
 
 

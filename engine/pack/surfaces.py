@@ -1,4 +1,4 @@
-"""What only passes show of surfaces, in the order of the triangle tables. Nothing is packed that no chosen pass shows."""
+"""What only passes show of surfaces, in the order of the triangle tables. Nothing is packed that no pass shows."""
 
 from __future__ import annotations
 
