@@ -72,7 +72,8 @@ class Session:
             if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
                 report["stopped"] = True
             else:
-                picture.show(result.pixels, result.passes)
+                picture.fill(result.passes)
+                picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)
                 report["scene_key"] = self.scene_key
@@ -202,15 +203,17 @@ class _Picture:
         # Blender clamps the rectangle to what it renders itself.
         self.shape = (self.result.resolution_y, self.result.resolution_x)
 
-    def show(self, pixels: np.ndarray, passes: dict[str, np.ndarray] | None = None) -> None:
-        """passes: by the engine's names, where they are finished."""
+    def fill(self, passes: dict[str, np.ndarray]) -> None:
+        """By the engine's names. They are there once the picture is shown."""
+        fill_passes(self.result.layers[0], passes)
+
+    def show(self, pixels: np.ndarray) -> None:
         if pixels.shape[:2] != self.shape:
             raise RuntimeError(f"the picture is {pixels.shape[:2]} pixels high and wide, Blender expects {self.shape}")
         flat = np.ascontiguousarray(pixels, dtype=np.float32).reshape(-1)
         for render_pass in self.result.layers[0].passes:
             if render_pass.name == "Combined":  # one for each view
                 render_pass.rect.foreach_set(flat)
-        fill_passes(self.result.layers[0], passes or {})
         self.engine.update_result(self.result)
 
     def close(self, discard: bool) -> None:

@@ -38,6 +38,7 @@ COLOR_OF = {
 PASSES = {**MIDDLE, **MEAN, **dict.fromkeys(LIGHT, 3), SAMPLE_COUNT: 1}
 # Places in `PassFilm.columns`.
 DATA = (*MIDDLE, *MEAN)
+STRIP = 64  # rows of a picture that are worked out at a time: large ones leave no room for copies
 
 
 class PassFilm:
@@ -58,21 +59,31 @@ class PassFilm:
 
     def pictures(self, samples: np.ndarray, exposure: float) -> dict[str, np.ndarray]:
         """(h, w, channels) float32 of each pass. samples (h, w), of the film."""
-        return {name: self._picture(name, samples, exposure).astype(np.float32) for name in self.wanted}
+        return {name: self._picture(name, samples, exposure) for name in self.wanted}
 
     def _picture(self, name: str, samples: np.ndarray, exposure: float) -> np.ndarray:
-        if name == SAMPLE_COUNT:
-            return samples[:, :, None]
-        if name in LIGHT:
-            light = _part(self.parts, self.part_columns[LIGHT.index(name)], 3) * exposure
-            light /= np.maximum(samples, 1)[:, :, None]
-            return divided(light, self._data(COLOR_OF[name])) if name in COLOR_OF else light
-        # What is summed up of mist is what shows through it.
-        return np.clip(1.0 - self._data(name), 0.0, 1.0) if name == "MIST" else self._data(name)
+        picture = np.empty((*samples.shape, PASSES[name]), np.float32)
+        for first in range(0, len(picture), STRIP):
+            rows = slice(first, first + STRIP)
+            picture[rows] = self._strip(name, rows, samples[rows, :, None], exposure)
+        return picture
 
-    def _data(self, name: str) -> np.ndarray:
-        found = _part(self.data, self.columns[DATA.index(name)], PASSES[name])
-        return found if name in MIDDLE else found / np.maximum(self.data[:, :, -1:], 1)
+    def _strip(self, name: str, rows: slice, samples: np.ndarray, exposure: float) -> np.ndarray:
+        """Some rows of a pass, float64. samples (h, w, 1), of these rows."""
+        if name == SAMPLE_COUNT:
+            return samples
+        if name in LIGHT:
+            first = self.part_columns[LIGHT.index(name)]
+            light = self.parts[rows, :, first : first + 3] * exposure / np.maximum(samples, 1)
+            return divided(light, self._data(COLOR_OF[name], rows)) if name in COLOR_OF else light
+        # What is summed up of mist is what shows through it.
+        found = self._data(name, rows)
+        return np.clip(1.0 - found, 0.0, 1.0) if name == "MIST" else found
+
+    def _data(self, name: str, rows: slice) -> np.ndarray:
+        first = self.columns[DATA.index(name)]
+        found = self.data[rows, :, first : first + PASSES[name]]
+        return found if name in MIDDLE else found / np.maximum(self.data[rows, :, -1:], 1)
 
 
 def all_needed(wanted: Iterable[str]) -> set[str]:
@@ -105,7 +116,3 @@ def _columns(names: Iterable[str], needed: set[str]) -> tuple[np.ndarray, int]:
         columns.append(width if name in needed else -1)
         width += PASSES[name] if name in needed else 0
     return np.array(columns, np.int64), width
-
-
-def _part(array: np.ndarray, first: int, channels: int) -> np.ndarray:
-    return array[:, :, first : first + channels]
