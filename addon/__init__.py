@@ -5,9 +5,9 @@ Registering must stay quick: nothing in here imports Numba or a kernel before th
 
 from __future__ import annotations
 
-from . import check, compare, phong_group, precompile, properties, render_engine, scene_report, ui
+from . import check, compare, passes, phong_group, precompile, properties, render_engine, scene_report, ui
 
-_PARTS = (properties, phong_group, scene_report, check, compare, render_engine, ui, precompile)
+_PARTS = (properties, passes, phong_group, scene_report, check, compare, render_engine, ui, precompile)
 
 
 def register() -> None:

@@ -1,5 +1,5 @@
-"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own), and
-what the add-on does by itself: the viewport's samples, and denoising.
+"""`scene.lobe`: one property for each field of the engine's Settings (except the threads, which are Blender's own, and
+the passes, which are a view layer's), and what the add-on does by itself: the viewport's samples, and denoising.
 
 Defaults and ranges are the engine's, so they cannot drift apart; names, units and costs for the user stand here.
 """

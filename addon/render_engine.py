@@ -29,6 +29,12 @@ class LobeRenderEngine(bpy.types.RenderEngine):
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
 
+    def update_render_passes(self, scene=None, renderlayer=None) -> None:
+        with _reporting(self):
+            from .passes import register_passes
+
+            register_passes(self, scene, renderlayer)
+
     def update(self, data, depsgraph) -> None:
         if self.failed:
             return

@@ -18,6 +18,7 @@ from . import scene_report
 from .denoise import DenoiseError, DenoiseStopped, denoise
 from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings
 from .memory import current_and_peak_mb
+from .passes import fill_passes, wanted_passes
 from .report import add_layer
 
 TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
@@ -44,7 +45,8 @@ class Session:
         engine.update_stats("", "Exporting")
         self.engine = engine
         self.layer = depsgraph.view_layer_eval.name
-        self.settings = export_settings(depsgraph.scene_eval)
+        passes = () if engine.is_preview else wanted_passes(depsgraph.view_layer)
+        self.settings = dataclasses.replace(export_settings(depsgraph.scene_eval), passes=passes)
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
@@ -78,6 +80,7 @@ class Session:
             else:
                 if self.denoising and not result.stopped:
                     self._denoise(result)
+                picture.fill(result.passes)
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)
@@ -236,6 +239,10 @@ class _Picture:
         self.result = engine.begin_result(0, 0, x1 - x0, y1 - y0, layer=layer)
         # Blender clamps the rectangle to what it renders itself.
         self.shape = (self.result.resolution_y, self.result.resolution_x)
+
+    def fill(self, passes: dict[str, np.ndarray]) -> None:
+        """By the engine's names. They are there once the picture is shown."""
+        fill_passes(self.result.layers[0], passes)
 
     def show(self, pixels: np.ndarray) -> None:
         if pixels.shape[:2] != self.shape:

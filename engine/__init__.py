@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from .errors import LobeError, SceneError, SettingsError
 from .interactive import Interactive
+from .passes import PASSES
 from .prepared import Prepared
 from .result import Picture, Progress, Result
 from .scene import (
@@ -23,6 +24,7 @@ from .scene import (
     Lamp,
     Material,
     Mesh,
+    Mist,
     PointLight,
     Scene,
     SpotLight,
@@ -35,6 +37,7 @@ from .settings import CHOICES, RANGES, Settings
 __all__ = [
     "CHOICES",
     "DEFAULT_MATERIAL",
+    "PASSES",
     "RANGES",
     "Aperture",
     "AreaLight",
@@ -45,6 +48,7 @@ __all__ = [
     "LobeError",
     "Material",
     "Mesh",
+    "Mist",
     "Picture",
     "PointLight",
     "Prepared",

@@ -44,6 +44,7 @@ class Features(NamedTuple):
     hemisphere: int = 0  # 0 cosine, 1 uniform, 2 rejection
     lobe_selection: int = 0  # 0 albedo-weighted, 1 classic
     clamp: int = 0  # some clamp is on
+    light_passes: int = 0  # some pass shows a part of the light
 
     def skipped(self) -> list[str]:
         """What the kernel for this scene leaves out, as the render report lists it."""
@@ -64,4 +65,5 @@ _LEFT_OUT = {
     "transparent_film": "film alpha: the film is opaque",
     "holdout": "holdouts: no surface is one",
     "clamp": "clamping: off",
+    "light_passes": "parts of the light: no pass shows one",
 }

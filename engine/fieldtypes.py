@@ -108,9 +108,11 @@ _DECLARED: dict[str, tuple[str, Callable]] = {
     "Camera | None": ("a Camera", _or_none(_is_a("Camera"))),
     "Aperture | None": ("an Aperture", _or_none(_is_a("Aperture"))),
     "World": ("a World", _is_a("World")),
+    "Mist": ("a Mist", _is_a("Mist")),
     "Instances": ("Instances", _is_a("Instances")),
     "list[Mesh]": ("a list of Meshes", _list_of(_is_a("Mesh"))),
     "list[Material]": ("a list of Materials", _list_of(_is_a("Material"))),
     "list[Lamp]": ("a list of lamps", _list_of(_is_a("Lamp"))),
     "list[str]": ("a list of texts", _list_of(_is_text)),
+    "tuple[str, ...]": ("a tuple of texts", lambda value: isinstance(value, tuple) and all(map(_is_text, value))),
 }

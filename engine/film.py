@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .errors import LobeError
+from .passes import PassFilm
 
 RETRIES = 8  # of reading pixels that are being written
 STRIP_PIXELS = 1 << 14  # are read at a time: a large picture has no room for copies, and a strip fits the cache
@@ -18,15 +19,17 @@ class Film:
 
     sums     (h, w, 4) float64: radiance and alpha. Float64, as a sum over a million samples in float32 is not one
     samples  the number of samples in every pixel
+    passes   what the passes sum up, None without any
     """
 
-    def __init__(self, region: tuple[int, int, int, int], exposure: float):
+    def __init__(self, region: tuple[int, int, int, int], exposure: float, passes: tuple[str, ...] = ()):
         x0, y0, x1, y1 = region
         self.region = region
         self.exposure = exposure
         with self._memory("sum up", np.float64):
             self.sums = np.zeros((y1 - y0, x1 - x0, 4))
             self.samples = np.zeros((y1 - y0, x1 - x0), np.int32)
+            self.passes = PassFilm((y1 - y0, x1 - x0), passes) if passes else None
 
     def pixels(self) -> np.ndarray:
         """(h, w, 4) float32, scene-linear, premultiplied; black where there is no sample yet.
@@ -40,6 +43,11 @@ class Film:
             for first in range(0, height, strip):
                 picture[first : first + strip] = self._strip(slice(first, first + strip))
         return picture
+
+    def pass_pictures(self) -> dict[str, np.ndarray]:
+        """(h, w, channels) float32 of each pass. Not while threads add to the film."""
+        with self._memory("show", np.float32):
+            return self.passes.pictures(self.samples, self.exposure) if self.passes else {}
 
     def _strip(self, rows: slice) -> np.ndarray:
         """Some rows of `pixels`, float64."""

@@ -36,7 +36,7 @@ class Interactive:
     error    why what was shown last can't be rendered; None where it can
 
     Of a scene only what was replaced is looked at: parts that are the same objects as before are taken for unchanged.
-    Always by the compiled road, and without adaptive sampling and time limit.
+    Always by the compiled road, and without adaptive sampling, time limit and passes.
     """
 
     def __init__(self, changed: Callable[[], None]):

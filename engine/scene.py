@@ -41,6 +41,7 @@ class Mesh:
     normals         (N, 3) float32, unit shading normals, object space; None: every face is flat
     normal_indices  (T, 3) uint32, indices into `normals`; None: the same as `triangles`
     material_slots  (T,) int32, slot of each triangle, see `Instances.material_slots`; None: all slot 0
+    uvs             (T, 3, 2) float32, texture coordinates of each triangle's corners, for the pass; None: it has none
     """
 
     name: str
@@ -49,6 +50,7 @@ class Mesh:
     normals: np.ndarray | None = None
     normal_indices: np.ndarray | None = None
     material_slots: np.ndarray | None = None
+    uvs: np.ndarray | None = None
 
     def bounds(self) -> np.ndarray:
         """(2, 3) float32, the lowest and the highest coordinates; zeros without vertices."""
@@ -70,6 +72,7 @@ class Instances:
     material_table   (S,) int32, indices into `Scene.materials`
     visibility       (I,) uint8, `Visibility` bits
     object           (I,) int32, index into `object_names`, for messages and passes
+    pass_index       (O,) int32, what the pass shows of each object; None: 0
     """
 
     mesh: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
@@ -80,6 +83,7 @@ class Instances:
     visibility: np.ndarray = field(default_factory=lambda: np.zeros(0, np.uint8))
     object: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
     object_names: list[str] = field(default_factory=list)
+    pass_index: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.mesh)
@@ -96,6 +100,7 @@ class Material:
     transparency  the fraction of a ray's radiance that passes unbent
     holdout       True: where the camera sees it, the picture has a hole, without light and without alpha, as far as it
                   isn't transparent; all other rays see it as it is
+    pass_index    what the pass shows
     """
 
     name: str
@@ -105,6 +110,7 @@ class Material:
     emission: RGB = BLACK
     transparency: RGB = BLACK
     holdout: bool = False
+    pass_index: int = 0
 
 
 # What objects without any material get: Blender's default surface.
@@ -232,10 +238,22 @@ class Camera:
     aperture: Aperture | None = None
 
 
+@dataclass(frozen=True)
+class Mist:
+    """What the pass shows: 0 up to `start`, metres from the camera, and 1 from `depth` metres farther on.
+
+    falloff  exponent of the way between: 1, 2 or 0.5
+    """
+
+    start: float = 0.0
+    depth: float = 100.0
+    falloff: float = 1.0
+
+
 @dataclass
 class Scene:
     """All of it. Pixels run over the whole picture; `region` (x0, y0, x1, y1), rows from the bottom, is the part
-    that is rendered, None for all of it."""
+    that is rendered, None for all of it. occlusion_distance: metres, as far as the ambient occlusion pass looks."""
 
     camera: Camera | None = None
     width: int = 512
@@ -248,6 +266,8 @@ class Scene:
     world: World = field(default_factory=World)
     exposure: float = 1.0
     transparent_film: bool = False
+    mist: Mist = field(default_factory=Mist)
+    occlusion_distance: float = 10.0
     skipped: list[str] = field(default_factory=list)  # left out because nothing needs it
     warnings: list[str] = field(default_factory=list)  # what the picture will not show as asked
 

@@ -22,13 +22,16 @@ from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.batch import BATCH
-from .kernels.embree import build_monitor, lamp_filter
+from .kernels.embree import build_monitor, lamp_filter, new_ray
+from .kernels.first_hit import make_first_hit_kernel
 from .kernels.jit import lost_cache
+from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
 from .kernels.tile import make_tile_kernel, new_memory
 from .lighttree import load_builder
 from .pack import Packed, pack
 from .pack.again import pack_next
+from .passes import LIGHT
 from .prepared import Prepared
 from .result import Progress, Result
 from .scene import Camera, Scene
@@ -42,8 +45,10 @@ POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
+NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
 tile_kernel = cache(make_tile_kernel)
+first_hit_kernel = cache(make_first_hit_kernel)
 
 
 class Stopped(Exception):
@@ -116,7 +121,7 @@ class _Render:
 
     def __init__(self, scene: Scene, settings: Settings, watch: _Watch, prepared: Prepared):
         self.scene, self.settings, self.watch, self.prepared = scene, settings, watch, prepared
-        self.film = Film(scene.render_region, scene.exposure)
+        self.film = Film(scene.render_region, scene.exposure, settings.passes)
         self.result = Result(
             pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
         )
@@ -141,7 +146,7 @@ class _Render:
         finally:
             self.halt[0] = 1
             self.pool.shutdown(wait=False, cancel_futures=True)
-        result.pixels = film.pixels()
+        result.pixels, result.passes = film.pixels(), film.pass_pictures()
         result.samples = float(film.samples.mean()) if film.samples.size else 0.0
         if result.rejected:
             result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
@@ -223,15 +228,48 @@ def render_tiles(
     origin = np.array(film.region[:2], np.int64)
     half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
     memory = new_memory(packed.features, packed.lights.shape_count)
+    parts = PartSums(film.passes.parts, film.passes.part_columns) if film.passes else NO_PARTS
+    look = _first_hits(packed, film, seed, active) if packed.surfaces and film.passes else None
     counters, rays = np.zeros(COUNTERS, np.int64), 0
     for tile in tiles:
         if halt[0] or time.perf_counter() > deadline:
             break
         rays += render_tile(
-            tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, counters,
-            halt,
+            tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, parts,
+            counters, halt,
         )  # fmt: skip
+        if look is not None:
+            rays += look(tile, first, count, halt)
     return rays, counters
+
+
+def _first_hits(packed: Packed, film: Film, seed: np.uint32, active: np.ndarray) -> Callable:
+    """`look(tile, first, count, halt)` sums up what these samples see first. Returns the rays traced."""
+    assert film.passes is not None
+    kernel, tables, memory = first_hit_kernel(_seen_first(packed.features)), _tables(packed), new_ray()
+    origin, data, columns = np.array(film.region[:2], np.int64), film.passes.data, film.passes.columns
+
+    def look(tile, first: int, count: int, halt: np.ndarray) -> int:
+        return kernel(
+            tables, packed.surfaces, memory, tile, first, count, seed, origin, data, columns, active, halt
+        )  # fmt: skip
+
+    return look
+
+
+def _seen_first(features: Features) -> Features:
+    """Those of a scene's features that decide what the camera sees first: scenes with the same share a kernel."""
+    names = (
+        "smooth",
+        "instances",
+        "transparency",
+        "mesh_emitters",
+        "world",
+        "orthographic",
+        "lens",
+        "transparent_film",
+    )
+    return Features(**{name: getattr(features, name) for name in names})
 
 
 def small_functions(scene: Scene) -> Iterator[Callable]:
@@ -307,8 +345,12 @@ def load_kernel(packed: Packed, settings: Settings) -> None:
         tile_kernel(packed.features)(
             _tables(packed), limits, new_memory(packed.features), (0, 0, 0, 0), 0, 0, np.uint32(0),
             np.zeros(2, np.int64), np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)),
-            np.ones((1, 1), np.bool_), np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
+            np.ones((1, 1), np.bool_), NO_PARTS, np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
         )  # fmt: skip
+        if packed.surfaces:
+            film = Film((0, 0, 1, 1), 1.0, settings.passes)
+            look = _first_hits(packed, film, np.uint32(0), np.ones((1, 1), np.bool_))
+            look((0, 0, 0, 0), 0, 0, np.zeros(1, np.uint8))
 
 
 @contextlib.contextmanager

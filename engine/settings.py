@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from .errors import SettingsError
 from .fieldtypes import check_fields
+from .passes import PASSES
 
 HEMISPHERE_SAMPLING = ("COSINE", "UNIFORM", "REJECTION")
 LOBE_SELECTION = ("ALBEDO", "CLASSIC")
@@ -22,6 +23,7 @@ class Settings:
     max_bounces         of a path, on surfaces after the first; diffuse_bounces and glossy_bounces by kind of lobe
     clamp_direct, clamp_indirect  limit of a single contribution (sum of its channels / 3); 0: no limit
     filter_width        pixels, of the Blackman-Harris filter; the box is always one pixel wide
+    passes              names of `engine.PASSES`, of what to make beside Combined
     """
 
     samples: int = 128
@@ -38,6 +40,7 @@ class Settings:
     lobe_selection: str = "ALBEDO"
     pixel_filter: str = "BLACKMAN_HARRIS"
     filter_width: float = 1.5
+    passes: tuple[str, ...] = ()
     road: str = "COMPILED"
     threads: int = 0
 
@@ -52,6 +55,9 @@ class Settings:
             value = getattr(self, key)
             if value not in choices:
                 raise SettingsError(f"setting {key!r} is {value!r}: it must be one of {', '.join(choices)}")
+        for name in self.passes:
+            if name not in PASSES:
+                raise SettingsError(f"setting 'passes' has {name!r}: there are {', '.join(PASSES)}")
 
 
 RANGES: dict[str, tuple[float, float]] = {

@@ -67,6 +67,7 @@ def validate_scene(scene: Scene) -> None:
     for light in _uncommon(scene.lights):
         _check_light(light)
     _check_world(scene.world)
+    _check_passes(scene)
 
 
 def _check_types(scene: Scene) -> None:
@@ -166,6 +167,8 @@ def _check_mesh(mesh: Mesh) -> np.ndarray:
         _check_array("mesh", mesh.name, "material_slots", mesh.material_slots, (faces,), np.int32)
         if faces and mesh.material_slots.min() < 0:
             raise scene_error("mesh", mesh.name, f"a face has the material slot {mesh.material_slots.min()}, below 0")
+    if mesh.uvs is not None:
+        _check_array("mesh", mesh.name, "uvs", mesh.uvs, (faces, 3, 2), np.float32)
     return extent
 
 
@@ -217,6 +220,9 @@ def _check_instance_arrays(instances: Instances) -> None:
         _check_array("instances", "all", what, getattr(instances, what), (count,), dtype)
     _check_array("instances", "all", "transforms", instances.transforms, (count, 3, 4), np.float64)
     _check_array("instances", "all", "material_table", instances.material_table, (None,), np.int32)
+    if instances.pass_index is not None:
+        named = (len(instances.object_names),)
+        _check_array("instances", "all", "pass_index", instances.pass_index, named, np.int32)
 
 
 def _check_instances(instances: Instances, mesh_count: int, materials: Sequence[Material]) -> None:
@@ -262,6 +268,17 @@ def _reject(indices: np.ndarray, outside: np.ndarray, instances: Instances | Non
     if instances is None:
         raise SceneError(f"instance {bad}: {problem}")
     raise scene_error("object", instances.object_names[instances.object[bad]], problem)
+
+
+def _check_passes(scene: Scene) -> None:
+    mist = scene.mist
+    check_fields(mist, lambda problem: SceneError(f"the mist: {problem}"))
+    if not (_fits((mist.start, mist.depth)) and mist.depth >= 0):
+        raise SceneError(f"the mist goes from {mist.start} m for {mist.depth} m: set its depth to 0 or more")
+    if mist.falloff not in (0.5, 1.0, 2.0):
+        raise SceneError(f"the mist's falloff is {mist.falloff}: it must be 0.5, 1 or 2")
+    if not (_fits(scene.occlusion_distance) and scene.occlusion_distance >= 0):
+        raise SceneError(f"ambient occlusion looks {scene.occlusion_distance} m far: set its distance to 0 or more")
 
 
 def _check_material(material: Material) -> None:

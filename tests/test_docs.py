@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import common
 from benchmarks.convergence import tables as bench_tables
-from engine import CHOICES, Settings
+from engine import CHOICES, PASSES, Settings
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 README = REPOSITORY / "README.md"
@@ -100,3 +100,11 @@ def test_pictures_are_small() -> None:
 def test_the_licence_is_there() -> None:
     assert "GNU GENERAL PUBLIC LICENSE" in read(REPOSITORY / "LICENSE")[:200]
     assert "GPL-3.0-or-later" in read(REPOSITORY / "blender_manifest.toml")
+
+
+def test_the_settings_page_lists_every_pass() -> None:
+    """By what Blender's boxes say."""
+    page = read(REPOSITORY / "docs" / "settings.md").partition("## Passes")[2].partition("\n## ")[0]
+    boxes = " ".join(re.findall(r"^\| ([^|]+) \|", page, re.MULTILINE))
+    words = {word.capitalize() for name in PASSES for word in name.split("_")} - {"Albedo"}
+    assert sorted(word for word in words - {"Uv"} if word not in boxes) == [] and "UV" in boxes

@@ -222,8 +222,8 @@ def test_what_lies_in_lanes_that_take_no_part_changes_no_bit(word, monkeypatch):
     scene.transparent_film = False  # through it the last pixels' paths, beside the garbage, would bring nothing
     one = picture(scene, samples=3)
 
-    def dirty(lamp_count):
-        memory = batch.new_batch(lamp_count)
+    def dirty(*arguments):
+        memory = batch.new_batch(*arguments)
         memory[: batch._ENDS[-1]].view(np.uint32)[:] = word
         return memory
 

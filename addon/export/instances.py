@@ -62,11 +62,12 @@ class Placement:
 
     kept   meshes of an export before
     shown  whether to draw an evaluated object; None: all
+    with_uvs  for the pass
     """
 
     def __init__(
         self, depsgraph, materials: MaterialTable, notes: Notes, stop: Stop, kept: KeptMeshes | None = None,
-        shown: Callable[[object], bool] | None = None,
+        shown: Callable[[object], bool] | None = None, with_uvs: bool = False,
     ) -> None:  # fmt: skip
         self.meshes: list[Mesh] = []
         self.lights: list[Lamp] = []
@@ -75,6 +76,7 @@ class Placement:
         self._notes = notes
         self._stop = stop
         self._kept = kept or KeptMeshes()
+        self._with_uvs = with_uvs
         self._shown = shown or (lambda _object: True)
         self._view_layer = depsgraph.view_layer
         self._viewport = depsgraph.mode == "VIEWPORT"
@@ -83,6 +85,7 @@ class Placement:
         self._slot_index: dict[tuple[int, ...], int] = {}
         self._slot_table: list[int] = []
         self._object_names: list[str] = []
+        self._pass_index: list[int] = []  # of each of those objects
         self.instances = self._collect(depsgraph.object_instances)
 
     def _collect(self, items) -> Instances:
@@ -121,6 +124,7 @@ class Placement:
             visibility=visibility.astype(np.uint8),
             object=object_,
             object_names=self._object_names,
+            pass_index=np.array(self._pass_index, np.int32),
         )
 
     def _place_lamps(self, kinds: np.ndarray, matrices: np.ndarray) -> None:
@@ -164,6 +168,7 @@ class Placement:
             return NOTHING
         first_slot, slot_count = self._slots(object_, self._is_holdout(item, object_))
         self._object_names.append(object_.name)
+        self._pass_index.append(object_.pass_index)
         return Kind(mesh, first_slot, slot_count, int(visibility), len(self._object_names) - 1)
 
     def _lamp(self, item, object_) -> Kind:
@@ -177,7 +182,7 @@ class Placement:
         """Index of the exported mesh of an evaluated datablock, -1 for one without faces."""
         if data not in self._mesh_index:
             self._stop.check()
-            mesh = self._kept.get(data, owner, parent, lambda: self._export_mesh(owner, data))
+            mesh = self._kept.get(data, owner, parent, self._with_uvs, lambda: self._export_mesh(owner, data))
             if mesh is None:
                 self._notes.skip("object", owner.name, "it has no faces")
             else:
@@ -189,9 +194,9 @@ class Placement:
         """In the viewport a mesh in edit mode is no arrays yet, and a subdivision may be left to the graphics card:
         both become a mesh on demand only."""
         if not self._viewport or owner.data != data or not is_deferred(owner, data):
-            return export_mesh(data, data.name, self._stop)
+            return export_mesh(data, data.name, self._stop, self._with_uvs)
         try:
-            return export_mesh(owner.to_mesh(), data.name, self._stop)
+            return export_mesh(owner.to_mesh(), data.name, self._stop, self._with_uvs)
         finally:
             owner.to_mesh_clear()
 

@@ -20,9 +20,9 @@ class KeptMeshes:
         self._asked: dict[tuple, tuple[set[int], Mesh | None]] = {}  # the same, in the export that is under way
         self._changed: set[int] = set()
 
-    def get(self, data, owner, parent, export: Callable[[], Mesh | None]) -> Mesh | None:
+    def get(self, data, owner, parent, with_uvs: bool, export: Callable[[], Mesh | None]) -> Mesh | None:
         """Of an evaluated bpy mesh that an object shows, which another one may have placed."""
-        key = (data.as_pointer(), uid_of(data), len(data.vertices), len(data.loops), len(data.polygons))
+        key = (data.as_pointer(), uid_of(data), len(data.vertices), len(data.loops), len(data.polygons), with_uvs)
         depends = {uid_of(data), uid_of(owner), uid_of(parent)}
         if key not in self._asked:
             kept = self._meshes.get(key) if depends.isdisjoint(self._changed) else None

@@ -16,7 +16,7 @@ from .stop import Stop
 TRIANGLE_BYTES = 12  # three 32 bit corners
 
 
-def export_mesh(data, name: str, stop: Stop) -> Mesh | None:
+def export_mesh(data, name: str, stop: Stop, with_uvs: bool = False) -> Mesh | None:
     """Of an evaluated bpy mesh; None where it has no faces. Copies everything, keeps nothing of Blender's."""
     if not len(data.polygons):
         return None
@@ -38,6 +38,7 @@ def export_mesh(data, name: str, stop: Stop) -> Mesh | None:
         normals=normals,
         normal_indices=normal_indices,
         material_slots=_material_slots(data, count),
+        uvs=_uvs(data, corners) if with_uvs else None,
     )
 
 
@@ -91,6 +92,16 @@ def _normals(data, corners: np.ndarray) -> tuple[np.ndarray | None, np.ndarray |
     flat = np.empty(len(source) * 3, np.float32)
     source.foreach_get("vector", flat)
     return flat.reshape(-1, 3), None if domain == "POINT" else corners.astype(np.uint32)
+
+
+def _uvs(data, corners: np.ndarray) -> np.ndarray | None:
+    """(T, 3, 2) float32 of the map that is ticked for renders; None without one."""
+    layer = next((layer for layer in data.uv_layers if layer.active_render), None)
+    if layer is None:
+        return None
+    flat = np.empty(2 * len(data.loops), np.float32)
+    layer.uv.foreach_get("vector", flat)
+    return flat.reshape(-1, 2)[corners]
 
 
 def _material_slots(data, count: int) -> np.ndarray | None:

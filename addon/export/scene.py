@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import bpy
 
-from ...engine import Scene
+from ...engine import Mist, Scene
+from ..passes import KINDS, wanted_passes
 from .camera import border, export_camera, resolution
 from .faults import naming
 from .instances import Placement
@@ -16,8 +17,10 @@ from .notes import Notes
 from .settings import film_exposure
 from .unsupported import note_cycles_scene, note_view_layer
 
-# What Blender ticks in new files, of this version or an older one, and what is no pass but a setting of one.
-NO_WISH = {"use_pass_combined", "use_pass_z", "use_pass_cryptomatte_accurate"}
+# What is no pass but the picture itself, and a setting of one.
+NO_WISH = {"use_pass_combined", "use_pass_cryptomatte_accurate"}
+# Exponents of Blender's mist, see Cycles' blender/sync.cpp.
+MIST_FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
 
 
 def export_scene(
@@ -42,7 +45,9 @@ def export_scene(
     with naming("camera", scene.camera.name if scene.camera else ""):
         camera = export_camera(scene, notes)
     materials = kept.table(depsgraph, notes)
-    placement = Placement(depsgraph, materials, notes, kept.stop, kept.meshes)
+    placement = Placement(
+        depsgraph, materials, notes, kept.stop, kept.meshes, with_uvs="UV" in wanted_passes(depsgraph.view_layer)
+    )
     kept.placed(materials)
     world = kept.world(depsgraph, notes)
     note_libraries(notes)
@@ -62,10 +67,20 @@ def export_scene(
         world=world,
         exposure=film_exposure(scene),
         transparent_film=render.film_transparent,
+        mist=export_mist(scene.world),
+        occlusion_distance=scene.world.light_settings.distance if scene.world else Scene.occlusion_distance,
     )
     kept.finish(exported, notes)
     exported.skipped, exported.warnings = notes.skipped, notes.warnings
     return exported
+
+
+def export_mist(world) -> Mist:
+    """Of the scene's world, whichever the view layer shows: so does Cycles."""
+    if world is None:
+        return Mist()
+    mist = world.mist_settings
+    return Mist(mist.start, mist.depth, MIST_FALLOFF[mist.falloff])
 
 
 def note_libraries(notes: Notes) -> None:
@@ -89,12 +104,14 @@ def note_scene(render, notes: Notes) -> None:
 
 def note_passes(view_layer, notes: Notes) -> None:
     """Names the passes that are ticked and stay away."""
+    made = {kind.box for kind in KINDS.values()}
     ticked = [
         prop.name
         for prop in view_layer.bl_rna.properties
         if prop.identifier.startswith("use_pass_")
         and prop.identifier not in NO_WISH
+        and prop.identifier not in made
         and getattr(view_layer, prop.identifier)
     ]
     if ticked:
-        notes.warn("view layer", view_layer.name, f"only the Combined pass is supported, not {', '.join(ticked)}")
+        notes.warn("view layer", view_layer.name, f"these passes are not supported: {', '.join(ticked)}")

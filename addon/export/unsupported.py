@@ -108,7 +108,8 @@ def note_view_layer(view_layer, notes: Notes) -> None:
     if groups := [group.name for group in view_layer.lightgroups]:
         notes.warn("view layer", name, f"light groups are not supported and left out: {', '.join(groups)}")
     if passes := [*_passes(cycles_settings(view_layer)), *_passes(getattr(view_layer, "eevee", None))]:
-        notes.warn("view layer", name, f"only the Combined pass is supported, not {', '.join(passes)}")
+        what = f"these passes of another engine are not made: {', '.join(passes)}; Lobe's own boxes are under Passes"
+        notes.warn("view layer", name, what)
 
 
 def _passes(owner) -> list[str]:

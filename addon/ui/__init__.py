@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import bpy
 
-from . import compare_panel, compat, data_panels, material_panels, presets, render_panels, report_panel
+from . import compare_panel, compat, data_panels, material_panels, passes_panels, presets, render_panels, report_panel
 
 _CLASSES = (
     *presets.CLASSES,
     *report_panel.CLASSES,  # first in its tab, where one sees the number in its header
     *render_panels.CLASSES,
     *compare_panel.CLASSES,
+    *passes_panels.CLASSES,
     *data_panels.CLASSES,
     *material_panels.CLASSES,
 )

@@ -24,12 +24,14 @@ COLUMNS = BATCH + WIDTH
 _HEIGHTS = rows.SAMPLE_ROWS, rows.PATH_ROWS, rows.HIT_ROWS, rows.SHADOW_ROWS
 _SHAPES = (*((height, COLUMNS) for height in _HEIGHTS), (WIDTH // PACKET_WIDTH, PACKET_ROWS, PACKET_WIDTH))
 _ENDS = tuple(int(end) for end in np.cumsum([math.prod(shape) for shape in _SHAPES]))
+PART_WORDS = rows.PART_ROWS * COLUMNS
 
 
 class Batch(NamedTuple):
     """Arrays (rows, columns) of float32, and the same memory as uint32 under the name that ends in `_words`.
 
     packets  sixteen rays as Embree takes them, see `intersect_packets`;  ray: one, which has the rest of the memory
+    parts    of the samples' light, see `parts`; without columns where no pass shows them
     """
 
     samples: np.ndarray
@@ -42,21 +44,24 @@ class Batch(NamedTuple):
     shadow_words: np.ndarray
     packets: np.ndarray
     packet_words: np.ndarray
+    parts: np.ndarray
     ray: RayMemory
 
 
-def new_batch(lamp_count: int) -> np.ndarray:
-    """A thread's memory, in a scene where rays may meet so many lamps."""
-    memory = aligned_memory(_ENDS[-1] + ray_words(lamp_count, WIDTH))
-    init_ray(memory[_ENDS[-1] :], lamp_count)
+def new_batch(lamp_count: int, light_passes: int = 0) -> np.ndarray:
+    """A thread's memory, in a scene where rays may meet so many lamps. light_passes: with room for parts, or 0."""
+    end = _ENDS[-1] + light_passes * PART_WORDS
+    memory = aligned_memory(end + ray_words(lamp_count, WIDTH))
+    init_ray(memory[end:], lamp_count)
     return memory
 
 
 @device
-def batch_of(memory):
+def batch_of(f, memory):
     """The `Batch` in the memory of `new_batch`."""
     words = memory.view(np.uint32)
     a, b, c, d, e = _ENDS
+    end = e + f.light_passes * PART_WORDS
     of_samples, of_paths, of_hits, of_shadows, of_packets = _SHAPES
     return Batch(
         memory[0:a].reshape(of_samples),
@@ -69,7 +74,8 @@ def batch_of(memory):
         words[c:d].reshape(of_shadows),
         memory[d:e].reshape(of_packets),
         words[d:e].reshape(of_packets),
-        RayMemory(memory[e:], words[e:]),
+        memory[e:end].reshape((rows.PART_ROWS, f.light_passes * COLUMNS)),
+        RayMemory(memory[end:], words[end:]),
     )
 
 

@@ -9,7 +9,7 @@ from .bsdf import evaluate
 from .bsdf.diffuse import diffuse_f
 from .embree import intersect, occluded
 from .geom.surface import find_surface, hit_of, offset_origin
-from .geom.vec import BLACK, FAR, HALF, ONE, ZERO, add, add_scaled, dot, is_black, mul, negate, scale, sub
+from .geom.vec import BLACK, FAR, HALF, ONE, ZERO, add, add_scaled, dot, is_black, mul, negate, scale, share_of, sub
 from .jit import device
 from .light.emitters import sample_light
 from .mis import sampled_light_weight
@@ -31,13 +31,13 @@ def samples_lights(f):
 
 @device
 def direct_light(f, tables, memory, vertex, numbers):
-    """(radiance towards wo by one light sample, rays traced)."""
+    """(radiance towards wo by one light sample, what was sampled, rays traced)."""
     light, contribution = unshadowed_light(f, tables, vertex, numbers)
     if not light.shadowed or not light.pdf > ZERO or is_black(contribution):
-        return contribution, 0
+        return contribution, light, 0
     direction, t_far = shadow_segment(vertex, light)
-    through, rays = _transmittance(f, tables.geometry, memory, vertex.start, direction, t_far)
-    return mul(contribution, through), rays
+    through, rays = transmittance(f, tables.geometry, memory, vertex.start, direction, t_far)
+    return mul(contribution, through), light, rays
 
 
 @device
@@ -72,6 +72,16 @@ def _lit_lobes(f, surface, value, mask):
 
 
 @device
+def lit_share(f, vertex, light):
+    """Of the light that a `LightSample` brings, for each channel the part that the diffuse lobe scatters."""
+    if not f.phong:
+        return WHITE
+    value, _ = evaluate(f.phong, f.hemisphere, vertex.surface, vertex.wo, light.wi, vertex.n, vertex.ng)
+    diffuse = _lit_lobes(f, (vertex.surface[0], BLACK, ZERO, ZERO), diffuse_f(vertex.surface[0]), light.mask)
+    return share_of(diffuse, _lit_lobes(f, vertex.surface, value, light.mask))
+
+
+@device
 def shadow_segment(vertex, light):
     """(direction, t_far) of the shadow ray from the vertex's start to a `LightSample`."""
     # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
@@ -88,7 +98,7 @@ def _shadow_end(p, t):
 
 
 @device
-def _transmittance(f, geometry, memory, start, direction, t_far):
+def transmittance(f, geometry, memory, start, direction, t_far):
     """(fraction of light that gets through from `start` on, as far as `t_far`, rays traced).
 
     t_far is infinite, or just below 1 for a `direction` that reaches from `start` to the light.

@@ -145,6 +145,20 @@ def escaped(f, tables, ray, light):
 
 
 @device
+def shows_world_alone(f):
+    """Whether a camera ray that meets no surface can have found the world's light only."""
+    return not f.lamp_shapes and not f.sun_disks
+
+
+@device
+def world_behind(f, tables, wi):
+    """The world's part of what a camera ray along wi finds that meets no surface."""
+    if f.world == DARK_WORLD or f.transparent_film:
+        return BLACK
+    return world_seen(f, tables.lights, Shares(ZERO, ZERO, ZERO), tables.environment, wi, CAMERA_RAY)[0]
+
+
+@device
 def _lights_kind(lights, own, kind):
     """Whether rays of this kind see the emissive surface: light of what they don't see counts for no shadow ray."""
     i = to_index(max(int32(own - np.int32(len(lights.lamp_kind))), np.int32(0)))

@@ -13,13 +13,16 @@ from __future__ import annotations
 import numpy as np
 
 from ..features import Features
-from .direct import direct_light, samples_lights
-from .embree import TFAR
+from . import rows
+from .batch import put_at_3
+from .direct import direct_light, lit_share, samples_lights
+from .embree import TFAR, aligned_memory, init_ray, ray_words
 from .film.sums import add_sample
 from .geom.surface import find_surface, hit_of, offset_origin
-from .geom.vec import BLACK, FAR, ONE, ZERO, average, dot, is_black, negate, scale
+from .geom.vec import BLACK, FAR, ONE, ZERO, average, dot, is_black, mul, negate, scale
 from .jit import device, kernel
-from .met import emitted, follow, follow_as_shadow, sees_shadows_light
+from .met import emitted, follow, follow_as_shadow, sees_shadows_light, shows_world_alone, world_behind
+from .parts import add_parts, credit, credit_lobes, foresee, start_parts
 from .records import (
     FIRST_VERTEX,
     MAX_TRANSPARENT,
@@ -31,6 +34,7 @@ from .records import (
     Numbers,
     RayMemory,
     Stretch,
+    clamped,
     dimmed,
     gather,
     material_color,
@@ -38,12 +42,24 @@ from .records import (
 )
 from .sampler.random import hash32
 from .sampler.sobol import hash_pixel, sample_1d, start_sample
-from .tables import GLOSSY_RAY, HOLDOUT, KD, KS, TRANSPARENCY
-from .vertex import camera_ray, clamp_limit, last_ray_finds_light, make_vertex, reflects, roulette, scatter
+from .tables import GLOSSY_RAY, KD, KS, TRANSPARENCY
+from .vertex import (
+    camera_ray,
+    clamp_limit,
+    is_holdout,
+    last_ray_finds_light,
+    make_vertex,
+    reflects,
+    roulette,
+    scatter,
+    scattered_share,
+)
+
+FIRST = np.int64(0)  # the place of the one sample whose parts there are
 
 
 @device
-def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash, index):
+def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pixel_hash, index):
     """Follow one path. Returns (radiance, alpha, rays traced)."""
     key, order = start_sample(pixel_hash, index)
     numbers = Numbers(key, order, FIRST_VERTEX)
@@ -54,6 +70,8 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
     while True:
         met, light = follow(f, tables, memory, ray, stretch, light)
         rays += 1
+        if f.light_passes and not met:
+            _credit_escaped(f, tables, parts, ray, light, bounces.total)
         if not met:
             if f.transparent_film and bounces.total == 0:
                 alpha = max(alpha - average(light.throughput), ZERO)
@@ -63,7 +81,9 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
             f, tables.geometry, hit_of(f, tables.geometry, memory.floats, memory.words), negate(ray.wi)
         )
         p, _, ng, material, triangle, inside = surface
-        if f.holdout and bounces.total == 0 and tables.geometry.materials[material, HOLDOUT] > ZERO:
+        if bounces.total == 0 and is_holdout(f, tables.geometry, material):
+            if f.light_passes:
+                _credit_met(parts, light, 0)  # of the lamps before the hole
             through = material_color(tables.geometry, material, TRANSPARENCY)
             behind = dimmed(light, through)
             alpha = max(alpha - average(light.throughput) + average(behind.throughput), ZERO)
@@ -76,6 +96,8 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
         found, own = emitted(f, tables, ray, p, material, triangle)
         if not is_black(found):
             light = gather(f, light, found)
+        if f.light_passes:
+            _credit_met(parts, light, bounces.total)
         numbers = Numbers(key, order, numbers.dimension + VERTEX_DECISIONS)
         if f.transparency:
             passes, factor = _pass(tables, numbers, material, last)
@@ -92,17 +114,23 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
         vertex = make_vertex(f, tables.geometry, surface, ray, own)
         light = Light(light.radiance, light.throughput, clamp_limit(limits, bounces.total + 1))
         if samples_lights(f):
-            found, more = direct_light(f, tables, memory, vertex, numbers)
+            found, sample, more = direct_light(f, tables, memory, vertex, numbers)
             light = gather(f, light, found)
             rays += more
+            if f.light_passes:
+                _credit_lit(f, parts, vertex, sample, light, bounces.total)
         ray, value, state = scatter(f, tables, counters, vertex, numbers, state)
         if not ray.pdf > ZERO:
             light = gather(f, light, without_density(ray.pdf))
             break
+        if f.light_passes and bounces.total == 0:
+            put_at_3(parts, rows.SHARE, FIRST, scattered_share(f, vertex, ray.kind, value), True)
         light = dimmed(light, scale(value, dot(vertex.n, ray.wi) / ray.pdf))
         if sees_shadows_light(f):
             light, more = follow_as_shadow(f, tables, memory, ray, vertex.start, light)
             rays += more
+            if f.light_passes:
+                credit_lobes(parts, bounces.total + 1, rows.SHARE, FIRST, light.radiance, True)
         bounces = _counted(f, bounces, ray.kind)
         last = _is_last(limits, bounces)
         if last and not last_ray_finds_light(f):
@@ -114,6 +142,38 @@ def trace_path(f, tables, limits, memory, counters, pixel_x, pixel_y, pixel_hash
             light = dimmed(light, scale(WHITE, ONE / chance))
         stretch = Stretch(vertex.start, ZERO, FAR)
     return light.radiance, alpha, rays
+
+
+@device
+def _credit_escaped(f, tables, parts, ray, light, scatterings):
+    """The light that came with a ray that met nothing has its part."""
+    if scatterings > 0:
+        credit_lobes(parts, scatterings, rows.SHARE, FIRST, light.radiance, True)
+    elif shows_world_alone(f):
+        credit(parts, rows.ENVIRONMENT, FIRST, light.radiance, True)
+    else:
+        world = clamped(f, mul(light.throughput, world_behind(f, tables, ray.wi)), light.limit)
+        foresee(parts, rows.ENVIRONMENT, FIRST, world, True)
+        credit(parts, rows.EMISSION, FIRST, light.radiance, True)
+
+
+@device
+def _credit_met(parts, light, scatterings):
+    """The light that came with a ray to a surface, and the surface's own, has its part."""
+    if scatterings > 0:
+        credit_lobes(parts, scatterings, rows.SHARE, FIRST, light.radiance, True)
+    else:
+        credit(parts, rows.EMISSION, FIRST, light.radiance, True)
+
+
+@device
+def _credit_lit(f, parts, vertex, sample, light, scatterings):
+    """The light that a `LightSample` brought to a vertex has its part."""
+    if scatterings == 0:
+        put_at_3(parts, rows.LIGHT_SHARE, FIRST, lit_share(f, vertex, sample), True)
+        credit_lobes(parts, 1, rows.LIGHT_SHARE, FIRST, light.radiance, True)
+    else:
+        credit_lobes(parts, scatterings + 1, rows.SHARE, FIRST, light.radiance, True)
 
 
 @device
@@ -152,18 +212,29 @@ def _is_last(limits, bounces):
     )
 
 
+def new_path(lamp_count: int, light_passes: int = 0) -> np.ndarray:
+    """A thread's memory, in a scene where a ray may meet so many lamps. light_passes: with room for parts, or 0."""
+    parts = light_passes * rows.PART_ROWS
+    memory = aligned_memory(ray_words(lamp_count) + parts)
+    init_ray(memory, lamp_count)
+    return memory
+
+
 def make_path_kernel(features: Features):
     """The kernel that renders a tile path by path, for any features."""
 
     @kernel
     def render_tile(
-        tables, limits, ray, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, counters, halt
-    ):
+        tables, limits, ray, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, film_parts,
+        counters, halt,
+    ):  # fmt: skip
         """Add samples first_sample.. of the pixels of `tile` (x0, y0, x1, y1) to the film, whose pixel (0, 0) is the
-        picture's pixel `origin`. half and active are `engine/adaptive.py`'s, one pixel large where it is off.
+        picture's pixel `origin`. half and active are `engine/adaptive.py`'s, one pixel large where it is off, and
+        film_parts are `parts.PartSums`, as small where no pass shows a part of the light.
         counters[REJECTED] counts samples that are not finite and were left out. halt[0]
         ends the work before the next pixel. Returns the number of rays traced."""
         memory = RayMemory(ray, ray.view(np.uint32))
+        parts = ray[len(ray) - features.light_passes * rows.PART_ROWS :].reshape((-1, 1))
         adaptive = active.size > 1
         rays = 0
         for y in range(tile[1], tile[3]):
@@ -175,11 +246,15 @@ def make_path_kernel(features: Features):
                     continue
                 pixel_hash = hash_pixel(x, y, seed)
                 for index in range(first_sample, first_sample + sample_count):
+                    if features.light_passes:
+                        start_parts(parts, FIRST, True)
                     radiance, alpha, traced = trace_path(
-                        features, tables, limits, memory, counters, x, y, pixel_hash, index
+                        features, tables, limits, memory, parts, counters, x, y, pixel_hash, index
                     )
                     rays += traced
                     add_sample(row, column, index, radiance, alpha, sums, samples, half, adaptive, counters)
+                    if features.light_passes:
+                        add_parts(film_parts, row, column, parts, FIRST, radiance)
         return rays
 
     return render_tile

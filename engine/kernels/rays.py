@@ -39,6 +39,7 @@ from .embree import V as HIT_V
 from .geom.vec import ZERO
 from .jit import AS_WRITTEN, device
 from .met import Notes, gather_lamps, reach
+from .parts import credit_lit
 from .records import Light
 from .simd import (
     WIDTH,
@@ -167,3 +168,5 @@ def occluded_all(f, tables, batch, n, first):
         arrives = (load_parts(packets, TFAR, PACKET_WIDTH) >= ZERO) & first_lanes(n - i)
         place = to_index(load(batch.shadow_words, rows.TO, i))
         add_at_3(batch.samples, rows.LIGHT, place, load_3(shadows, rows.BRINGS, i), arrives)
+        if f.light_passes:
+            credit_lit(batch, place, arrives, first)

@@ -23,3 +23,7 @@ KEY, ORDER, PLACE, THROUGHPUT, P, N, WI, PDF, START, T_NEAR, T_FAR, PATH_ROWS = 
 MET, TRIANGLE, INSTANCE, U, V, HIT_ROWS = _rows(1, 1, 1, 1, 1)
 # Of a shadow ray: the place of its path, the ray, the light that it brings.
 TO, FROM, DIRECTION, END, BRINGS, SHADOW_ROWS = _rows(1, 3, 3, 1, 3)
+# Of a sample's light, see `parts`: the parts by `engine.passes.LIGHT`, each lobe's glossy row behind the diffuse one,
+# what of it has its part already, and the diffuse lobe's share of what the path's next ray brings and of what the first
+# vertex's light sample brings.
+EMISSION, ENVIRONMENT, DIRECT, _, INDIRECT, _, SEEN, SHARE, LIGHT_SHARE, PART_ROWS = _rows(3, 3, 3, 3, 3, 3, 3, 3, 3)

@@ -16,12 +16,13 @@ from ..features import DARK_WORLD, Features
 from . import rows
 from .batch import BATCH, add_at_3, at_3, batch_of, load_3, pack, pack_3, put_at_3, rays_at, store_3
 from .bsdf.diffuse import REJECTION
-from .direct import samples_lights, shadow_segment, unshadowed_light
+from .direct import lit_share, samples_lights, shadow_segment, unshadowed_light
 from .film.sums import add_sample
 from .geom.surface import Hit, find_surface
 from .geom.vec import BLACK, FAR, ONE, UP, ZERO, dot, is_black, mul, negate, scale
 from .jit import device, kernel
-from .met import emitted, escaped
+from .met import emitted, escaped, shows_world_alone, world_behind
+from .parts import add_parts, credit, credit_lobes, foresee, foresee_lit, start_parts
 from .rays import occluded_all, trace_all
 from .records import (
     FIRST_VERTEX,
@@ -34,9 +35,18 @@ from .records import (
     without_density,
 )
 from .sampler.sobol import hash_pixel, start_sample
-from .simd import WIDTH, add_at, any_of, count, first_lanes, int32, load, no, select, store, to_index
+from .simd import WIDTH, add_at, any_of, count, first_lanes, int32, lanes, load, no, select, store, to_index
 from .tables import CAMERA_RAY, DIFFUSE_RAY
-from .vertex import camera_ray, clamp_limit, last_ray_finds_light, make_vertex, reflects, roulette, scatter
+from .vertex import (
+    camera_ray,
+    clamp_limit,
+    last_ray_finds_light,
+    make_vertex,
+    reflects,
+    roulette,
+    scatter,
+    scattered_share,
+)
 
 NONE = np.int64(0)  # not a plain 0, see `tables.words`
 
@@ -69,7 +79,7 @@ def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y,
 
 
 @device
-def _to_film(batch, n, origin, sums, samples, half, active, counters):
+def _to_film(f, batch, n, origin, sums, samples, half, active, film_parts, counters):
     """Add the batch's samples to their pixels, one after the other."""
     words, found, adaptive = batch.sample_words, batch.samples, active.size > 1
     for i in range(n):
@@ -77,6 +87,8 @@ def _to_film(batch, n, origin, sums, samples, half, active, counters):
         radiance = found[rows.LIGHT, i], found[rows.LIGHT + 1, i], found[rows.LIGHT + 2, i]
         index, alpha = words[rows.INDEX, i], found[rows.ALPHA, i]
         add_sample(row, column, index, radiance, alpha, sums, samples, half, adaptive, counters)
+        if f.light_passes:
+            add_parts(film_parts, row, column, batch.parts, i, radiance)
 
 
 # --- paths -----------------------------------------------------------------------------------------------------------
@@ -103,19 +115,25 @@ def _start_paths(f, tables, batch, n, seed):
         store(paths, rows.T_NEAR, i, stretch.t_near)
         store(paths, rows.T_FAR, i, stretch.t_far)
         store_3(batch.samples, rows.LIGHT, i, BLACK)
+        if f.light_passes:
+            start_parts(batch.parts, lanes() + np.uint32(i), first_lanes(n - i))
         store(batch.samples, rows.ALPHA, i, ONE)
 
 
 @device
 def _follow_paths(f, tables, limits, batch, n, counters, halt):
     """Follow the batch's n paths to their ends. Returns the number of rays traced."""
-    bounces, kind, dimension, rays = NONE, CAMERA_RAY, FIRST_VERTEX, NONE
+    bounces, kind, dimension, rays, samples = NONE, CAMERA_RAY, FIRST_VERTEX, NONE, n
     while n > 0 and not halt[0]:
         first, last = bounces == 0, bounces > limits.max_bounces
         trace_all(f, tables, batch, n, kind, clamp_limit(limits, bounces), first)
+        if f.light_passes and first and not shows_world_alone(f):
+            _foresee_world(f, tables, limits, batch, n)
         rays += n
         dimension += VERTEX_DECISIONS
         n, shadows = _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last)
+        if f.light_passes:
+            _credit_found(f, batch, samples, bounces)
         occluded_all(f, tables, batch, shadows, first)
         rays += shadows
         bounces, kind = bounces + 1, DIFFUSE_RAY
@@ -153,7 +171,7 @@ def _shade(f, tables, limits, batch, n, counters, kind, dimension, bounces, last
         numbers = Numbers(load(words, rows.KEY, i), load(words, rows.ORDER, i), dimension)
         light = Light(BLACK, light.throughput, clamp_limit(limits, bounces + 1))
         if samples_lights(f):
-            shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows)
+            shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows, bounces)
         if goes_on:
             live += _go_on(f, tables, batch, vertex, numbers, light, place, alive, live, counters, bounces)
     return live, shadows
@@ -172,7 +190,33 @@ def _add_escaped(f, tables, batch, ray, light, place, missed, bounces):
 
 
 @device
-def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_column):
+def _foresee_world(f, tables, limits, batch, n):
+    """Of the light that the camera's rays find behind everything, the world's has its part: the rest is of lamps."""
+    for i in range(0, n, WIDTH):
+        missed = first_lanes(n - i) & (load(batch.hit_words, rows.MET, i) == np.uint32(0))
+        wi = select(missed, load_3(batch.paths, rows.WI, i), UP)
+        world = clamped(f, world_behind(f, tables, wi), limits.clamp_direct)
+        foresee(batch.parts, rows.ENVIRONMENT, lanes() + np.uint32(i), world, missed)
+
+
+@device
+def _credit_found(f, batch, n, bounces):
+    """What the rays of a stage have found for the batch's n samples has its part."""
+    parts = batch.parts
+    for i in range(0, n, WIDTH):
+        within, place = first_lanes(n - i), lanes() + np.uint32(i)
+        found = load_3(batch.samples, rows.LIGHT, i)
+        if bounces > 0:
+            credit_lobes(parts, bounces, rows.SHARE, place, found, within)
+            continue
+        if shows_world_alone(f):
+            missed = within & (load(batch.hit_words, rows.MET, i) == np.uint32(0))
+            credit(parts, rows.ENVIRONMENT, place, found, missed)
+        credit(parts, rows.EMISSION, place, found, within)
+
+
+@device
+def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_column, bounces):
     """Draw a light sample for each vertex, and queue its shadow ray from that column on. Returns how many."""
     sample, found = unshadowed_light(f, tables, vertex, numbers)
     arrives, brings = alive & no(is_black(found)), clamped(f, mul(light.throughput, found), light.limit)
@@ -180,6 +224,10 @@ def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_co
     at_once = arrives & no(sends)  # light that nothing shadows, and of a density that is no number
     if any_of(at_once):
         add_at_3(batch.samples, rows.LIGHT, place, brings, at_once)
+    if f.light_passes:
+        if bounces == 0:
+            put_at_3(batch.parts, rows.LIGHT_SHARE, place, lit_share(f, vertex, sample), alive)
+        foresee_lit(batch.parts, place, brings, at_once, bounces == 0)
     direction, t_far = shadow_segment(vertex, sample)
     pack(batch.shadow_words, rows.TO, at_column, place, sends)
     pack_3(batch.shadows, rows.FROM, at_column, vertex.start, sends)
@@ -198,6 +246,8 @@ def _go_on(f, tables, batch, vertex, numbers, light, place, alive, at_column, co
     if any_of(failed):
         add_at_3(batch.samples, rows.LIGHT, place, mul(light.throughput, without_density(ray.pdf)), failed)
     alive = alive & (ray.pdf > ZERO)
+    if f.light_passes and bounces == 0:
+        put_at_3(batch.parts, rows.SHARE, place, scattered_share(f, vertex, ray.kind, value), alive)
     throughput = mul(light.throughput, scale(value, dot(vertex.n, ray.wi) / ray.pdf))
     if bounces > 0:
         survives, chance = roulette(tables, numbers, throughput)
@@ -221,11 +271,11 @@ def make_staged_kernel(features: Features):
 
     @kernel
     def render_tile(
-        tables, limits, memory, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, counters,
-        halt,
+        tables, limits, memory, tile, first_sample, sample_count, seed, origin, sums, samples, half, active, film_parts,
+        counters, halt,
     ):  # fmt: skip
         """See `path.make_path_kernel`. halt[0] is asked at every vertex; what the batch has gathered is then lost."""
-        batch, rays = batch_of(memory), NONE
+        batch, rays = batch_of(features, memory), NONE
         x, y, done = tile[0], tile[1], NONE
         while True:
             n, x, y, done = _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y, done)
@@ -235,6 +285,6 @@ def make_staged_kernel(features: Features):
             rays += _follow_paths(features, tables, limits, batch, n, counters, halt)
             if halt[0]:
                 return rays
-            _to_film(batch, n, origin, sums, samples, half, active, counters)
+            _to_film(features, batch, n, origin, sums, samples, half, active, film_parts, counters)
 
     return render_tile

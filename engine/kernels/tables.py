@@ -43,6 +43,9 @@ SUN_AXIS, SUN_RADIANCE, SUN_ONE_MINUS_COS, SUN_UNSHADOWED, SUN_MASK, SUN_IRRADIA
 # Words of the world. IRRADIANCE: the four numbers of `environment_irradiance`, with the normal in world space.
 WORLD_COLOR, WORLD_MASK, WORLD_IRRADIANCE, WORLD_WORDS = words(0, 3, 4, 8)
 
+# Numbers of `Surfaces`. MOVE_*: a length is stored times FACTOR, and a place is then off by the vector from X on.
+MIST_START, MIST_PER_METRE, MIST_FALLOFF, AO_DISTANCE, MOVE_FACTOR, MOVE_X, SURFACE_NUMBERS = words(0, 1, 2, 3, 4, 5, 8)
+
 
 class Geometry(NamedTuple):
     """Surfaces. Triangles of baked meshes come in world space, those of instanced meshes in object space.
@@ -109,3 +112,22 @@ class Lights(NamedTuple):
     def shape_count(self) -> int:
         """How many lamps a ray may meet."""
         return len(self.lamp_of_quad) + len(self.lamp_of_sphere)
+
+
+class Surfaces(NamedTuple):
+    """What only passes show of surfaces. Tables of passes that aren't chosen have no rows.
+
+    triangle_index  (T,) int32, pass index of each baked triangle's object
+    instance_index  (I,) int32, of each instance's
+    material_index  (M,) int32
+    uv_row          (T,) int32, of each triangle in `uvs`; -1: its mesh has none
+    uvs             (U, 3, 2) float32, of a triangle's corners
+    numbers         (8,) float64, see above. Lengths in the space of the geometry's tables
+    """
+
+    triangle_index: np.ndarray
+    instance_index: np.ndarray
+    material_index: np.ndarray
+    uv_row: np.ndarray
+    uvs: np.ndarray
+    numbers: np.ndarray

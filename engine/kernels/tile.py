@@ -6,8 +6,7 @@ import numpy as np
 
 from ..features import Features
 from .batch import new_batch
-from .embree import new_ray
-from .path import make_path_kernel
+from .path import make_path_kernel, new_path
 from .staged import covers, make_staged_kernel
 
 
@@ -18,4 +17,5 @@ def make_tile_kernel(features: Features):
 
 def new_memory(features: Features, lamp_count: int = 0) -> np.ndarray:
     """A thread's memory for that kernel, in a scene where rays may meet so many lamps."""
-    return new_batch(lamp_count) if covers(features) else new_ray(lamp_count)
+    new = new_batch if covers(features) else new_path
+    return new(lamp_count, features.light_passes)

@@ -15,7 +15,7 @@ from .bsdf.diffuse import REJECTION, diffuse_f
 from .camera import generate_ray
 from .film.filter import sample_filter
 from .geom.surface import offset_origin
-from .geom.vec import HALF, ONE, ZERO, add, average, dot, is_black, max_component, negate, scale, sub
+from .geom.vec import BLACK, HALF, ONE, ZERO, add, average, dot, is_black, max_component, negate, scale, share_of, sub
 from .jit import device
 from .records import (
     DIRECTION,
@@ -26,6 +26,7 @@ from .records import (
     LOBE,
     PIXEL,
     ROULETTE,
+    WHITE,
     Ray,
     Stretch,
     Vertex,
@@ -33,7 +34,7 @@ from .records import (
 )
 from .sampler.sobol import sample_1d, sample_2d
 from .simd import at, float32, no, select
-from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, KD, KS
+from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, HOLDOUT, KD, KS
 
 # Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule; on the Cornell box 1.25 takes
 # 5 % more rays and 13 % off the variance.
@@ -56,6 +57,12 @@ def camera_ray(f, tables, numbers, pixel_x, pixel_y):
 @device
 def reflects(geometry, material):
     return no(is_black(add(material_color(geometry, material, KD), material_color(geometry, material, KS))))
+
+
+@device
+def is_holdout(f, geometry, material):
+    """Whether the camera sees a hole there. For one number only."""
+    return f.holdout and geometry.materials[material, HOLDOUT] > ZERO
 
 
 @device
@@ -96,6 +103,14 @@ def scatter(f, tables, counters, vertex, numbers, state):
         value = select(glossy, scale(sub(value, diffuse), ONE / (ONE - share)), scale(diffuse, ONE / share))
         kind = select(glossy, GLOSSY_RAY, DIFFUSE_RAY)
     return Ray(vertex.p, vertex.n, wi, kind, pdf, False), value, state
+
+
+@device
+def scattered_share(f, vertex, kind, value):
+    """Of what a ray from `scatter` brings, for each channel the part that the diffuse lobe scatters."""
+    if f.ray_kinds:
+        return select(kind == GLOSSY_RAY, BLACK, WHITE)
+    return share_of(diffuse_f(vertex.surface[0]), value) if f.phong else WHITE
 
 
 @device

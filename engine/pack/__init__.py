@@ -17,12 +17,14 @@ from ..features import Features
 from ..kernels.camera import pack_camera
 from ..kernels.film.filter import build_filter_table
 from ..kernels.sampler.sobol import build_sobol_table
-from ..kernels.tables import Geometry, Lights
+from ..kernels.tables import Geometry, Lights, Surfaces
+from ..passes import has_data_passes, has_light_passes
 from ..scene import Scene
 from ..settings import CHOICES, Settings
 from .geometry import PackedGeometry, pack_geometry
 from .lights import PackedLights, pack_lights
 from .middle import Move, move_of
+from .surfaces import pack_surfaces
 
 # Kernels count places in a table with 31 bits.
 MOST_NUMBERS = 1 << 31
@@ -58,6 +60,7 @@ class Packed:
     sampler: np.ndarray
     accel: Accel
     parts: Parts
+    surfaces: Surfaces | None = None  # where a pass shows what the camera sees first
 
 
 def _check_sizes(geometry: Geometry, lights: Lights) -> None:
@@ -91,6 +94,9 @@ def assemble(parts: Parts, settings: Settings, halt: np.ndarray | None = None, a
     base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)
     assert scene.camera is not None
     camera = parts.move.camera(scene.camera)
+    surfaces = None
+    if has_data_passes(settings.passes):
+        surfaces = pack_surfaces(parts.move.scene(scene), parts.move, geometry.tables.materials, settings.passes)
     return Packed(
         features=_features(parts, settings),
         geometry=geometry.tables._replace(accel=np.array([accel.address], np.uint64), kind=kind, base=base),
@@ -102,6 +108,7 @@ def assemble(parts: Parts, settings: Settings, halt: np.ndarray | None = None, a
         sampler=sobol_table(),
         accel=accel,
         parts=parts,
+        surfaces=surfaces,
     )
 
 
@@ -118,5 +125,6 @@ def _features(parts: Parts, settings: Settings) -> Features:
         transparent_film=int(parts.scene.transparent_film),
         hemisphere=CHOICES["hemisphere_sampling"].index(settings.hemisphere_sampling),
         lobe_selection=CHOICES["lobe_selection"].index(settings.lobe_selection),
+        light_passes=int(has_light_passes(settings.passes)),
         clamp=int(settings.clamp_direct > 0 or settings.clamp_indirect > 0),
     )

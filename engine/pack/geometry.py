@@ -70,7 +70,7 @@ def pack_geometry(scene: Scene) -> PackedGeometry:
     """Everything that has triangles. See the module's text for what is baked and what is instanced."""
     instances = scene.instances
     materials = pack_materials(scene)
-    baked, shared = _plan(scene, materials)
+    baked, shared = plan(scene, materials)
     meshes = [scene.meshes[mesh] for mesh, _ in baked] + [scene.meshes[mesh] for mesh in shared]
     foresee(need_of(scene, meshes, sum(map(len, shared.values()))))
     out = _Triangles(meshes)
@@ -120,7 +120,7 @@ def _material_features(seen: np.ndarray) -> dict[str, int]:
     }
 
 
-def _plan(scene: Scene, materials: np.ndarray) -> tuple[list[tuple[int, int]], dict[int, np.ndarray]]:
+def plan(scene: Scene, materials: np.ndarray) -> tuple[list[tuple[int, int]], dict[int, np.ndarray]]:
     """(what is baked, as mesh and row of the instance, sorted by visibility; the rows of each mesh that is shared)."""
     instances = scene.instances
     emits = _instances_that_emit(instances, materials)
@@ -238,14 +238,19 @@ def _add_shared(scene: Scene, shared: dict[int, np.ndarray], out: _Triangles, sh
         factor = 1.0 if smallest <= size <= largest or size == 0 else 2.0 ** -np.floor(np.log2(size))
         to_center = factor * np.column_stack([np.eye(3), -center])
         geometry = out.add(mesh, to_center, 0 if mesh.material_slots is None else mesh.material_slots)
-        for visibility in np.unique(instances.visibility[rows]):
-            members = rows[instances.visibility[rows] == visibility]
+        for visibility, members in by_visibility(instances, rows):
             matrices = _stored_otherwise(instances.transforms[members], center, factor)
-            shapes.add(InstanceGeometry(geometry, matrices, int(visibility)), INSTANCED_MESH, first)
+            shapes.add(InstanceGeometry(geometry, matrices, visibility), INSTANCED_MESH, first)
             shapes.instance_count += len(members)
             shapes.transforms.append(matrices)
             shapes.slot_offset.append(instances.material_offset[members])
             shapes.slot_count.append(instances.slot_count[members])
+
+
+def by_visibility(instances: Instances, rows: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """A mesh's instances in the order in which they are packed: (visibility, rows)."""
+    for visibility in np.unique(instances.visibility[rows]):
+        yield int(visibility), rows[instances.visibility[rows] == visibility]
 
 
 def fresh(values, dtype) -> np.ndarray:

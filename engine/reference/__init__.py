@@ -88,6 +88,8 @@ def render_reference(
     warnings = list(scene.warnings)
     if settings.use_adaptive_sampling:
         warnings.append("adaptive sampling is not part of the reference road: every pixel got the same samples")
+    if settings.passes:
+        warnings.append("passes beside Combined are not part of the reference road: they stay empty")
     return Result(
         pixels=black if pixels_now is None else pixels_now,
         samples=done / pixels,

@@ -35,7 +35,7 @@ def snapshot() -> dict[str, object]:
     panels = [cls for cls in _subclasses(bpy.types.Panel) if hasattr(cls, "COMPAT_ENGINES")]
     return {
         "types": sorted(name for name in dir(bpy.types) if "lobe" in name.lower()),
-        "property": hasattr(bpy.types.Scene, "lobe"),
+        "property": hasattr(bpy.types.Scene, "lobe") or hasattr(bpy.types.ViewLayer, "lobe"),
         "panels": sorted({cls.__name__ for cls in panels if "LOBE" in cls.COMPAT_ENGINES and cls.is_registered}),
         "menu": len(getattr(menu.draw, "_draw_funcs", [menu.draw])),
         "handlers": [len(value) for value in map(bpy.app.handlers.__getattribute__, dir(bpy.app.handlers))
@@ -93,7 +93,7 @@ def test_a_failing_registration_is_undone(disabled, monkeypatch) -> None:
 def test_settings_mirror_the_engine() -> None:
     properties = bpy.types.Scene.bl_rna.properties["lobe"].fixed_type.properties
     shown = {rna.identifier for rna in properties if rna.identifier not in ("rna_type", "name")}
-    assert shown == {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads"}
+    assert shown == {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads", "passes"}
     for key in shown:
         rna = properties[key]
         assert rna.description and not rna.description.endswith("."), key

@@ -76,7 +76,7 @@ def test_every_setting_is_shown_once(classes) -> None:
     context = fake_context()
     shown = [s for c in classes if c.bl_context == "render" and c.poll(context) for s in draw(c, context)]
     settings = [name for owner, name in shown if owner == "LobeSettings"]
-    expected = {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads"}
+    expected = {*Settings.__dataclass_fields__, "viewport_samples", "use_denoising"} - {"threads", "passes"}
     assert sorted(settings) == sorted(expected)
     assert {("RenderSettings", "threads"), ("RenderSettings", "film_transparent")} <= set(shown)
 
@@ -128,7 +128,7 @@ def test_blenders_own_panels_join_in() -> None:
 
 
 def test_tooltips_tell_the_cost() -> None:
-    for prop in bpy.context.scene.lobe.bl_rna.properties:
+    for prop in (*bpy.context.scene.lobe.bl_rna.properties, *bpy.context.view_layer.lobe.bl_rna.properties):
         if prop.identifier in ("rna_type", "name"):
             continue
         told = " ".join([prop.description, *(item.description for item in getattr(prop, "enum_items", ()))]).lower()

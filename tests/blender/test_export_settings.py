@@ -75,11 +75,11 @@ def test_what_the_render_settings_ask_in_vain_is_named():
 def test_passes_are_named():
     add_camera()
     layer = bpy.context.view_layer
-    layer.use_pass_z = True
+    layer.use_pass_z = layer.use_pass_normal = True
     assert export_scene(depsgraph()).warnings == []
-    layer.use_pass_normal = layer.use_pass_mist = True
+    layer.use_pass_vector = layer.use_pass_transmission_color = True
     assert export_scene(depsgraph()).warnings == [
-        f"view layer '{layer.name}': only the Combined pass is supported, not Normal, Mist"
+        f"view layer '{layer.name}': these passes are not supported: Vector, Transmission Color"
     ]
 
 

@@ -163,8 +163,9 @@ NAMED = {
     "fast GI": (cycles(lambda: bpy.context.scene, use_fast_gi=True), "Fast Global Illumination", "WARNING"),
     "camera culling": (None, "culling by the camera", "WARNING"),
     "panorama": (put(lambda: bpy.data.cameras["Camera"], type="PANO"), "type pano is not supported", "WARNING"),
-    "passes": (put(layer, use_pass_normal=True), "only the Combined pass is supported, not Normal", "WARNING"),
-    "Cycles' passes": (cycles(layer, denoising_store_passes=True), "only the Combined pass is supported", "WARNING"),
+    "passes": (put(layer, use_pass_vector=True), "these passes are not supported: Vector", "WARNING"),
+    "Cycles' passes": (
+        cycles(layer, denoising_store_passes=True), "these passes of another engine are not made", "WARNING"),
     "AOVs": (lambda: setattr(layer().aovs.add(), "name", "Dirt"), "shader AOVs are not supported and left out: Dirt",
              "WARNING"),
     "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
@@ -435,7 +436,7 @@ def test_the_check_sees_what_a_render_sees(scene, checked) -> None:
 
 
 def test_all_view_layers_are_checked(scene, checked) -> None:
-    scene.view_layers.new("Second").use_pass_normal = True
+    scene.view_layers.new("Second").use_pass_vector = True
     assert [group.names for group in checked()] == [("Second",)]
 
 

@@ -321,5 +321,13 @@ def test_a_feature_that_changes_the_picture_is_noticed(monkeypatch):
 
 
 def test_every_feature_is_forced_or_is_a_choice():
-    choices = {"shared_light", "orthographic", "transparent_film", "holdout", "hemisphere", "lobe_selection"}
+    choices = {
+        "shared_light",
+        "orthographic",
+        "transparent_film",
+        "holdout",
+        "hemisphere",
+        "lobe_selection",
+        "light_passes",
+    }
     assert set(Features._fields) == {*EVERYTHING} | choices

@@ -73,7 +73,7 @@ class MaterialTable:
             if holdout:
                 exported = replace(self.materials[self.index(material)], holdout=True)
             else:
-                exported = self._export(key[0], material)
+                exported = replace(self._export(key[0], material), pass_index=material.pass_index)
             self._known[key] = len(self.materials)
             self.materials.append(exported)
         return self._known[key]

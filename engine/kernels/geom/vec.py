@@ -119,3 +119,13 @@ def max_component(color):
 @device
 def is_black(color):
     return (color[0] == ZERO) & (color[1] == ZERO) & (color[2] == ZERO)
+
+
+@device
+def share_of(part, whole):
+    """A colour's share in another, 0 of what is black."""
+    return (
+        select(whole[0] > ZERO, min(part[0] / whole[0], ONE), ZERO),
+        select(whole[1] > ZERO, min(part[1] / whole[1], ONE), ZERO),
+        select(whole[2] > ZERO, min(part[2] / whole[2], ONE), ZERO),
+    )
