@@ -95,7 +95,7 @@ class LobeSettings(bpy.types.PropertyGroup):
         name="Denoise",
         description="Smooth the noise that is left in the finished picture with OpenImageDenoise, which Blender "
         "brings. Takes some seconds and a gigabyte of memory for a picture of full HD, and fine detail where the noise "
-        "is strong",
+        "is strong. The view layer's pass Denoising Data saves edges from it",
         default=False,
     )
     max_bounces: IntProperty(

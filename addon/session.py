@@ -95,11 +95,13 @@ class Session:
             _stamp(self.engine, report)
 
     def _denoise(self, result: lobe.Result) -> None:
-        """The picture's colour, in its place; alpha stays. Where that can't be done the picture stays noisy."""
+        """The picture's colour, in its place, by the guides that are there; alpha stays. Where that can't be done the
+        picture stays noisy."""
         self.engine.update_stats("", "Denoising")
         start = time.perf_counter()
         try:
-            color = denoise(result.pixels[..., :3], threads=self.settings.threads, stop=self.cancelled)
+            guides = (result.passes.get(name) for name in ("DENOISING_ALBEDO", "DENOISING_NORMAL"))
+            color = denoise(result.pixels[..., :3], *guides, threads=self.settings.threads, stop=self.cancelled)
         except DenoiseError as error:
             result.warnings.append(f"the picture is not denoised: {error}")
         except DenoiseStopped:

@@ -55,7 +55,7 @@ def assert_adds_up(result) -> None:
 @pytest.mark.parametrize("bounces", [0, 1, 2, 8])
 @pytest.mark.parametrize("name", SCENES)
 def test_parts_add_up_to_combined(name, bounces):
-    """On the sample scenes; and Combined is as without passes, but for a rounding: another kernel, other orders of sums."""
+    """On the sample scenes; and Combined is as without passes, but for a rounding: another kernel, another order."""
     scene = sample_scene(name, width=24)
     result = picture(scene, max_bounces=bounces)
     assert_adds_up(result)

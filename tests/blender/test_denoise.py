@@ -59,6 +59,17 @@ def test_less_error_on_a_sample_scene(available, cornell, figure) -> None:
     assert np.array_equal(again, noisy)
 
 
+def test_denoising_data_guides_it(available, cornell, monkeypatch) -> None:
+    session, seen = importlib.import_module(f"{MODULE}.addon.session"), []
+    whole = session.denoise
+    monkeypatch.setattr(session, "denoise", lambda *args, **named: seen.append(args[1:]) or whole(*args, **named))
+    alone = picture(cornell, True)[0]
+    cornell.view_layers[0].lobe.denoising_data = True
+    guided = picture(cornell, True)[0]
+    assert seen[0] == (None, None) and [guide.shape for guide in seen[1]] == [guided[..., :3].shape] * 2
+    assert seen[1][0].max() > 0 and seen[1][1].min() < 0 and not np.array_equal(guided, alone)
+
+
 def test_alpha_stays(available, cornell) -> None:
     cornell.render.film_transparent = True
     noisy, smooth = picture(cornell, False)[0], picture(cornell, True)[0]
