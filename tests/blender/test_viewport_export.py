@@ -322,9 +322,9 @@ def fake_datablock(uid: int, address: int = 0, size: int = 8):
 def test_what_was_evaluated_again_is_not_taken_over_whatever_its_address():
     kept, exports = KeptMeshes(), iter("abcdefgh")
 
-    def export(data, owner, *changed: int) -> str:
+    def export(data, owner, *changed: int, with_uvs: bool = False) -> str:
         kept.forget(set(changed))
-        mesh = kept.get(data, owner, None, lambda: next(exports))
+        mesh = kept.get(data, owner, None, with_uvs, lambda: next(exports))
         kept.finish()
         return mesh
 
@@ -336,3 +336,4 @@ def test_what_was_evaluated_again_is_not_taken_over_whatever_its_address():
     assert export(fake_datablock(3, address=64, size=9), twin) == "e"
     assert export(mesh, twin) == "f"  # what nobody asked for was dropped
     assert export(mesh, cube, 2) == "g"  # the object that it was exported of has changed, not the one that asks
+    assert export(mesh, cube, with_uvs=True) == "h"
