@@ -263,6 +263,7 @@ def _seen_first(features: Features) -> Features:
         "smooth",
         "instances",
         "transparency",
+        "holdout",
         "mesh_emitters",
         "world",
         "orthographic",

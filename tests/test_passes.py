@@ -64,6 +64,14 @@ def test_parts_add_up_to_combined(name, bounces):
     assert indirect.any() == (bounces > 0)
 
 
+def test_a_holdout_is_nothing():
+    scene = scenes.plate(Material("hole", kd=(0.5,) * 3, holdout=True, pass_index=3))
+    passes = picture(scene).passes
+    assert np.allclose(passes["DEPTH"], 1e10)
+    for name in ("NORMAL", "MATERIAL_INDEX", "DIFFUSE_COLOR", "AMBIENT_OCCLUSION"):
+        assert not passes[name].any(), name
+
+
 def unshadowed() -> Scene:
     scene = scenes.lamp_room(["area", "sphere", "wide_sun"], SIZE)
     scene.lights = [replace(scene.lights[0], cast_shadow=False), *scene.lights[1:]]

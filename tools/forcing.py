@@ -18,10 +18,11 @@ import engine.schedule as schedule
 from engine.features import CONSTANT_WORLD, EMITTER_TREE, IMAGE_WORLD, Features
 from engine.kernels.light.environment import build_environment
 from engine.pack import Packed
-from engine.pack.geometry import INVALID
+from engine.pack.geometry import INVALID, corners
 
 # Every feature that a scene can do without, at its most general. Not in here: the choices that change the picture
-# (orthographic, transparent_film, holdout) or how it is sampled (hemisphere, lobe_selection), and `shared_light`.
+# (orthographic, transparent_film, holdout), how it is sampled (hemisphere, lobe_selection) or what else is made
+# (light_passes), and `shared_light`.
 EVERYTHING = {
     "phong": 1,
     "smooth": 1,
@@ -47,7 +48,9 @@ def filled_up(packed: Packed, features: Features) -> Packed:
     geometry, lights = packed.geometry, packed.lights
     faces, emitters = len(geometry.triangles), len(lights.emitter_triangle)
     if features.smooth and len(geometry.normal_triangles) < faces:
-        geometry = geometry._replace(normal_triangles=np.full((faces, 3), INVALID, np.uint32))
+        normal_triangles = corners(faces)
+        normal_triangles[:] = INVALID
+        geometry = geometry._replace(normal_triangles=normal_triangles)
     if features.mesh_emitters and len(lights.triangle_emitter) < faces:
         lights = lights._replace(triangle_emitter=np.full(faces, -1, np.int32))
     if features.rectangle_emitters and len(lights.emitter_rectangle) < emitters:

@@ -6,6 +6,7 @@ import bpy
 
 from .. import scene_report
 from ..export.notes import ERROR, WARNING
+from ..passes import wanted_passes
 from . import peer
 from .keeping import Change, Keeper
 
@@ -47,7 +48,7 @@ def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
         keeper.put(render, "use_crop_to_border", True)
     # Adds an entry to the metadata in place of the file's path.
     keeper.put(render, "use_stamp_filename", False)
-    missing += _linked_objects() + _bare_objects(scene)
+    missing += _linked_objects() + _bare_objects(scene) + _passes(scene)
     peer.apply_fair_settings(scene, keeper.put)
     peer.copy_lobe_settings(scene, keeper.put)
     keeper.put(scene.cycles, "time_limit", seconds)
@@ -56,6 +57,15 @@ def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
         f"Lobe's {lobe.bl_rna.properties[key].name} is {getattr(lobe, key).capitalize()}, for which Cycles has nothing"
         for key in LOBES_OWN
         if lobe.is_property_set(key) and getattr(lobe, key) != lobe.bl_rna.properties[key].default
+    ]
+
+
+def _passes(scene) -> list[str]:
+    """Left on, as the compositor may be linked to them."""
+    if not any(wanted_passes(layer) for layer in scene.view_layers if layer.use):
+        return []
+    return [
+        "Passes are ticked in the view layer, and their time is in the figures: untick them to compare the pictures"
     ]
 
 

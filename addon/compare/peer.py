@@ -27,7 +27,7 @@ OSL_SOURCE = """shader phong(color kd = 0, color ks = 1, float n = 10, output cl
 }
 """
 
-# What Lobe does not have, or does not do unless asked: off. REFERENCE of each value: Cycles' own documentation.
+# What Lobe does not have, or does not do unless asked: off.
 FAIR = {
     "use_adaptive_sampling": False,
     "use_denoising": False,
@@ -51,7 +51,8 @@ FAIR = {
 
 
 def apply_fair_settings(scene, put: Put = setattr) -> None:
-    """Set `scene.cycles`, and the objects and materials of `scene`'s file, to what REFERENCE section 4 lists.
+    """Set `scene.cycles`, and the objects and materials of `scene`'s file, to what `FAIR` lists, shadow
+    terminator offsets 0, emission from both sides.
 
     Bounces, filter, samples and seed are not touched: see `copy_lobe_settings`.
     """

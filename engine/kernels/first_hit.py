@@ -180,6 +180,7 @@ def _add_sample(f, tables, surfaces, memory, out, columns, pixel_x, pixel_y, pix
         lets_through = material_color(tables.geometry, material, TRANSPARENCY)
         if is_holdout(f, tables.geometry, material):
             covers = BLACK  # a hole hides what is behind it, and shows nothing
+            is_covered = is_covered or average(lets_through) <= HALF
         else:
             covers = sub(WHITE, lets_through)
             _add_surface(f, tables, surfaces, out, columns, surface, through, mul(through, covers))

@@ -89,6 +89,8 @@ def assemble(parts: Parts, settings: Settings, halt: np.ndarray | None = None, a
     """The parts' tables side by side. accel: of the same shapes, where it is there already."""
     geometry, lights, scene = parts.geometry, parts.lights, parts.scene
     _check_sizes(geometry.tables, lights.tables)
+    if scene.world.image is not None and scene.world.image.size > MOST_NUMBERS:
+        raise SceneError("the world's image has more than 715 million pixels: use a smaller one")
     accel = accel or Accel([*geometry.shapes, *lights.shapes], halt)
     kind = np.concatenate([geometry.tables.kind, lights.shape_kind]).astype(np.int32)
     base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)

@@ -141,7 +141,7 @@ def plan(scene: Scene, materials: np.ndarray) -> tuple[list[tuple[int, int]], di
     return baked, shared
 
 
-def _corners(triangles: int) -> np.ndarray:
+def corners(triangles: int) -> np.ndarray:
     """(triangles, 3) uint32, empty, with memory behind it: the kernels read 16 bytes at the last triangle."""
     return np.empty((triangles + 1, 3), np.uint32)[:triangles]
 
@@ -155,7 +155,7 @@ class _Triangles:
         self.has_normals = normals > 0
         self.vertices = np.empty((vertices + VERTEX_PADDING, 3), np.float32)
         self.vertices[vertices:] = 0
-        self.triangles = _corners(triangles)
+        self.triangles = corners(triangles)
         self.slots = np.empty(triangles, np.int32)
         self.normals = np.empty((normals + VERTEX_PADDING, 3), np.float32)
         self.normals[normals:] = 0
@@ -164,7 +164,7 @@ class _Triangles:
         self._alike &= normals == vertices
         self.normal_triangles = self.triangles
         if not self._alike:
-            self.normal_triangles = _corners(triangles if normals else 0)
+            self.normal_triangles = corners(triangles if normals else 0)
         self._vertex_count = self.triangle_count = self._normal_count = 0
 
     def add(self, mesh: Mesh, matrix: np.ndarray, slots: np.ndarray | int) -> TriangleGeometry:

@@ -177,7 +177,16 @@ def test_the_panel_shows_every_box_and_no_other() -> None:
 
 GRID = 3  # regions along each side, whose means are compared
 # Of the largest region: what is sharp in the gloss has the most noise.
-TOLERANCES = {"Gloss": 0.3, "Dir": 0.05, "Indirect": 0.1, "Ind": 0.1, "Combined": 0.05, "UV": 0.05, "": 0.02}
+TOLERANCES = {
+    "Gloss": 0.3,
+    "Dir": 0.05,
+    "Indirect": 0.1,
+    "Index": 0.02,
+    "Ind": 0.1,
+    "Combined": 0.05,
+    "UV": 0.05,
+    "": 0.02,
+}
 # Cycles counts samples in parts of all. Its albedo has what mirrors show, and lamps: one scene has either.
 APART = {"instances": {"Debug Sample Count"}, "lamps": {"Debug Sample Count", "Denoising Albedo"}}
 

@@ -262,7 +262,8 @@ def _transposed(builder, rows: list) -> list:
 
 @intrinsic
 def words_at(typing_context, array, first, count):
-    """`count` words of a C array, a constant power of two, from its word `first` on. For vectors each
+    """`count` words of a C array, a constant power of two, from its word `first` on. All
+    of them must exist: a table of rows of three has memory for a fourth behind its last. For vectors each
     lane's are one load, and the lot of them is turned about: that takes half the time of looking up each word."""
     if not isinstance(count, types.IntegerLiteral):
         return None  # Numba then comes back with the constant
