@@ -126,13 +126,18 @@ def _waiting(window) -> Iterator[None]:
         window.cursor_modal_restore()
 
 
-RENDERING = "Blender is rendering a picture or a preview: a moment, please"
-
-
 def is_rendering() -> bool:
     """Whether no operator may begin a render. Blender begins one by waiting for its previews. From Python it keeps
     Python's lock while it waits, which an engine that draws a preview needs to come to its end: neither would go on."""
     return bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("RENDER_PREVIEW")
+
+
+def may_render(operator, context) -> bool:
+    """The `poll` of an operator that renders."""
+    if is_rendering():
+        operator.poll_message_set("Blender is rendering a picture or a preview: a moment, please")
+        return False
+    return context.scene is not None
 
 
 class LOBE_OT_check_scene(bpy.types.Operator):
@@ -144,10 +149,7 @@ the scene does: a moment, some seconds for millions of faces"""
 
     @classmethod
     def poll(cls, context) -> bool:
-        if is_rendering():
-            cls.poll_message_set(RENDERING)
-            return False
-        return context.scene is not None
+        return may_render(cls, context)
 
     def execute(self, context):
         try:

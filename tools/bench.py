@@ -25,7 +25,7 @@ from benchmarks import common  # noqa: E402
 from benchmarks.convergence import plan  # noqa: E402
 from tools import blender_render as br  # noqa: E402
 from tools.lobe_blender import SetupError  # noqa: E402
-from tools.render import resolution, whole_number  # noqa: E402
+from tools.render import resolution, seconds, whole_number  # noqa: E402
 
 
 def engine_list(text: str) -> tuple[str, ...]:
@@ -35,23 +35,13 @@ def engine_list(text: str) -> tuple[str, ...]:
     return tuple(engine for engine in plan.ENGINES if engine in names)
 
 
-def seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
-    if not 1.0 <= value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text} s does not lie between a second and a million")
-    return value
-
-
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="bench.py", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=["all"], metavar="SCENE",
                         help="sample scenes by name, .blend files, or 'all', the default")  # fmt: skip
     parser.add_argument("--engines", type=engine_list, default=plan.ENGINES, metavar="LOBE,CYCLES",
                         help="whose levels are rendered; the reference is always of both")  # fmt: skip
-    parser.add_argument("--budget", type=seconds, default=240.0, metavar="SECONDS",
+    parser.add_argument("--budget", type=seconds(1.0), default=240.0, metavar="SECONDS",
                         help="of rendering for each scene, reference included; default: 240")  # fmt: skip
     parser.add_argument("--resolution", type=resolution, default=(384, 256), metavar="WxH", help="default: 384x256")
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N", help="renders of each level")

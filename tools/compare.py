@@ -25,25 +25,23 @@ if str(ROOT) not in sys.path:
 from tools import blender_render as br  # noqa: E402
 from tools.interrupt import at_interrupt, end_on_interrupt  # noqa: E402
 from tools.lobe_blender import SetupError, enable_lobe  # noqa: E402
-from tools.render import Parser, add_scene_arguments, check_file, check_output, prepare, whole_files  # noqa: E402
+from tools.render import (  # noqa: E402
+    Parser,
+    add_scene_arguments,
+    check_file,
+    check_output,
+    prepare,
+    seconds,
+    whole_files,
+)
 
 PAGE, DATA = "comparison.html", "comparison.json"
-
-
-def seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
-    if not 0.1 <= value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text} s does not lie between 0.1 and a million")
-    return value
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = Parser(prog="compare.py", description=(__doc__ or "").splitlines()[0])
     add_scene_arguments(parser)
-    parser.add_argument("--seconds", type=seconds, default=0.0, metavar="S",
+    parser.add_argument("--seconds", type=seconds(0.1), default=0.0, metavar="S",
                         help="equal time: each render samples for so long; default: equal samples")  # fmt: skip
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="is made if there is none")
     options = parser.parse_args(arguments)

@@ -56,6 +56,21 @@ def whole_number(low: int, high: int):
     return convert
 
 
+def seconds(least: float):
+    """A number of seconds, up to a million."""
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
+        if not least <= value <= 1e6:
+            raise argparse.ArgumentTypeError(f"{text} s does not lie between {least:g} s and a million")
+        return value
+
+    return convert
+
+
 def output_path(text: str) -> Path:
     path = Path(text)
     if path.suffix.lower() not in WRITERS:

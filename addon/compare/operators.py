@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, FloatProperty, PointerProperty, StringProperty
 
-from ..check import RENDERING, is_rendering
+from ..check import is_rendering, may_render
 from . import pictures
 from .page import difference_rows, engine_rows, html
 from .run import CompareError, Comparison, Outcome, Step, Stopped
@@ -74,10 +74,7 @@ settings stay as they are"""
 
     @classmethod
     def poll(cls, context) -> bool:
-        if is_rendering():
-            cls.poll_message_set(RENDERING)
-            return False
-        return context.scene is not None
+        return may_render(cls, context)
 
     def execute(self, context):
         """Blender waits until it is done."""
