@@ -1,8 +1,9 @@
-"""Compiles the kernels before anyone waits for them.
+"""Compiles in processes of their own: holding Python's lock for seconds, as compiling does, would freeze the window.
 
-Compiling holds Python's lock for seconds, which would freeze the window, so it happens in a process of its own: the
-Python inside Blender, at low priority, which fills the cache on disk and ends. This file is also what it runs.
-It is started once for each version of the kernels, when Lobe is enabled, and only where there is a window.
+Such a process is the Python inside Blender, which fills the cache on disk and ends. One is started when Lobe is
+enabled, once for each version of the kernels, at low priority: it compiles what scenes most often need before anyone
+waits for it. For any other kernel the engine starts one when a scene needs it. Both only where there is a window.
+This file is also what they run.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ _own_variable = False
 def register() -> None:
     import bpy
 
+    from .. import engine as lobe
+
     global _own_variable
     # An empty answer means that the user's folder can't be written: the engine then takes the temporary one.
     if CACHE_VARIABLE not in os.environ and (
@@ -26,12 +29,16 @@ def register() -> None:
     ):
         os.environ[CACHE_VARIABLE] = folder
         _own_variable = True
-    if not bpy.app.background:
+    if not bpy.app.background and os.access(sys.executable, os.X_OK):
+        lobe.compile_elsewhere(_command(), _environment())
         start()
 
 
 def unregister() -> None:
+    from .. import engine as lobe
+
     global _own_variable
+    lobe.compile_elsewhere(())
     stop()
     if _own_variable:
         del os.environ[CACHE_VARIABLE]
@@ -47,15 +54,19 @@ def start() -> None:
     import atexit
     import subprocess
 
-    arguments = [sys.executable, __file__, _root_package(), _root_folder(), _stamp(folder)]
-    with open(os.path.join(folder, "precompile.log"), "w") as log:
-        _process = subprocess.Popen(
-            arguments,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-        )
+    try:
+        os.makedirs(folder, exist_ok=True)
+        with open(os.path.join(folder, "precompile.log"), "w") as log:
+            _process = subprocess.Popen(
+                [*_command(), "", _stamp(folder)],
+                env=_environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                creationflags=_windows("CREATE_NO_WINDOW") | _windows("IDLE_PRIORITY_CLASS"),
+            )
+    except OSError:  # the engine keeps its kernels elsewhere then, and says so
+        return
     atexit.register(stop)
 
 
@@ -70,6 +81,21 @@ def stop() -> None:
         _process.kill()
     _process.wait()
     _process = None
+
+
+def _windows(flag: str) -> int:
+    import subprocess
+
+    return getattr(subprocess, flag, 0)  # other systems don't have them
+
+
+def _command() -> list[str]:
+    """To which the name of the kernel is added, or nothing and the stamp."""
+    return [sys.executable, __file__, _root_package(), _root_folder()]
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
 
 
 def _root_package() -> str:
@@ -91,12 +117,13 @@ def _stamp(folder: str) -> str:
     return os.path.join(folder, f"precompiled-{digest.hexdigest()[:16]}")
 
 
-def _main(package: str, folder: str, stamp: str) -> None:
-    """In the process: import the engine under the name that it has in Blender, and compile everything."""
+def _main(package: str, folder: str, kernel: str, stamp: str = "") -> None:
+    """In the process: import the engine under the name that it has in Blender, and compile this kernel, or the common
+    ones in nobody's way."""
     import importlib
     import types
 
-    if hasattr(os, "nice"):
+    if not kernel and hasattr(os, "nice"):
         os.nice(10)
     # Numba's cache remembers module names, and Blender's own packages above the extension don't exist here.
     names = package.split(".")
@@ -104,9 +131,9 @@ def _main(package: str, folder: str, stamp: str) -> None:
         parent = types.ModuleType(".".join(names[:depth]))
         parent.__path__ = [os.path.dirname(folder)] if depth == len(names) - 1 else []
         sys.modules[parent.__name__] = parent
-    engine = importlib.import_module(f"{package}.engine")
-    engine.precompile()
-    open(stamp, "w").close()
+    importlib.import_module(f"{package}.engine").precompile(kernel)
+    if stamp:
+        open(stamp, "w").close()
 
 
 if __name__ == "__main__":

@@ -8,8 +8,10 @@ Importing it is cheap: Numba and Embree are loaded by the first render.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 
+from .elsewhere import compile_elsewhere
 from .errors import LobeError, SceneError, SettingsError
 from .interactive import Interactive
 from .passes import PASSES
@@ -62,6 +64,7 @@ __all__ = [
     "SunLight",
     "Visibility",
     "World",
+    "compile_elsewhere",
     "precompile",
     "render",
 ]
@@ -126,8 +129,14 @@ def numba_problem() -> str | None:
     return None
 
 
-def precompile() -> None:
-    """Fill the cache with the kernels that scenes most often need. Takes long, so call it in a process of its own."""
-    from .schedule import precompile_common
+def precompile(kernel: str = "") -> None:
+    """Fill the cache on disk. Takes long, so call it in a process of its own.
 
-    precompile_common()
+    kernel  which, as `compile_elsewhere` names it; empty: those that scenes most often need
+    """
+    from . import schedule
+
+    if kernel:
+        schedule.precompile_one(json.loads(kernel))
+    else:
+        schedule.precompile_common()

@@ -25,7 +25,7 @@ from .schedule import (
     TILE_SAMPLES,
     Shared,
     compiling,
-    load_kernel,
+    get_kernel,
     render_tiles,
     small_functions,
     tiles_of,
@@ -150,7 +150,7 @@ class Live:
             self._threads, self._pool = threads, ThreadPoolExecutor(threads, thread_name_prefix="Lobe viewport")
         self._packed = self._do(lambda _: "building", self._pack, scene, settings)
         if self._packed.features not in self._loaded:
-            self._do(compiling, load_kernel, self._packed, settings)
+            self._do(compiling, get_kernel, self._packed, settings, self._halt_build)
             self._loaded.add(self._packed.features)
 
     def _pack(self, scene: Scene, settings: Settings) -> Packed:

@@ -15,16 +15,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from . import elsewhere
 from .adaptive import AdaptiveSampling
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.batch import BATCH
 from .kernels.embree import build_monitor, lamp_filter, new_ray
 from .kernels.first_hit import make_first_hit_kernel
-from .kernels.jit import lost_cache
+from .kernels.jit import CACHE_FOLDER, lost_cache
 from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
 from .kernels.tile import make_tile_kernel, new_memory
@@ -138,7 +141,7 @@ class _Render:
             with self._timed("build"):
                 packed = self._build()
             with self._timed("compile"):
-                self._do(compiling, load_kernel, packed, self.settings)
+                self._do(compiling, get_kernel, packed, self.settings, self.halt)
             with self._timed("render"):
                 self._passes(packed)
         except Stopped:
@@ -339,8 +342,15 @@ def _limits(features: Features, settings: Settings) -> Limits:
     )
 
 
+def get_kernel(packed: Packed, settings: Settings, halt: np.ndarray) -> None:
+    """Have the kernel ready. Once `halt[0]` is set, elsewhere.CompilationStopped is raised where another process
+    compiles it; in this one a compilation runs to its end."""
+    elsewhere.compiled(_name(packed), _cache(), lambda: bool(halt[0]))
+    load_kernel(packed, settings)
+
+
 def load_kernel(packed: Packed, settings: Settings) -> None:
-    """Have the kernel ready: a tile without pixels makes Numba compile it or read it from disk."""
+    """A tile without pixels makes Numba compile the kernel or read it from disk."""
     limits = _limits(packed.features, settings)
     with _no_garbage_collection():
         tile_kernel(packed.features)(
@@ -352,6 +362,16 @@ def load_kernel(packed: Packed, settings: Settings) -> None:
             film = Film((0, 0, 1, 1), 1.0, settings.passes)
             look = _first_hits(packed, film, np.uint32(0), np.ones((1, 1), np.bool_))
             look((0, 0, 0, 0), 0, 0, np.zeros(1, np.uint8))
+    elsewhere.mark(_name(packed), _cache())
+
+
+def _name(packed: Packed) -> dict[str, Any]:
+    """What says which kernels the scene takes: `precompile_one` compiles them by it."""
+    return {"features": packed.features._asdict(), "first_hits": packed.surfaces is not None}
+
+
+def _cache() -> Path | None:
+    return None if lost_cache() else CACHE_FOLDER
 
 
 @contextlib.contextmanager
@@ -364,6 +384,14 @@ def _no_garbage_collection():
     finally:
         if was_on:
             gc.enable()
+
+
+def precompile_one(name: dict[str, Any]) -> None:
+    """Compile the kernels of this `_name` into the disk cache."""
+    settings = Settings(passes=("DEPTH",) if name["first_hits"] else ())
+    packed = pack(Scene(camera=Camera()), settings)
+    packed.features = Features(**name["features"])
+    load_kernel(packed, settings)
 
 
 def precompile_common() -> None:

@@ -32,6 +32,20 @@ def test_it_can_be_stopped_at_once(precompile, tmp_path: Path) -> None:
     assert not list(tmp_path.glob("precompiled-*"))
 
 
+def test_a_cache_folder_that_is_not_there_is_made(precompile, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv(precompile.CACHE_VARIABLE, str(tmp_path / "new" / "cache"))
+    precompile.start()
+    assert precompile._process is not None
+    precompile.stop()
+
+
+def test_a_cache_folder_that_cannot_be_is_no_error(precompile, tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(precompile.CACHE_VARIABLE, str(tmp_path / "file" / "cache"))
+    precompile.start()
+    assert precompile._process is None
+
+
 def test_it_runs_once_for_the_same_kernels(precompile, tmp_path: Path) -> None:
     Path(precompile._stamp(str(tmp_path))).touch()
     precompile.start()
@@ -42,15 +56,17 @@ def test_it_compiles_under_the_names_that_blender_uses(precompile, tmp_path: Pat
     extension = tmp_path / "lobe"
     (extension / "engine").mkdir(parents=True)
     (extension / "__init__.py").touch()
-    (extension / "engine" / "__init__.py").write_text("def precompile():\n    print(__name__)\n")
-    command = [sys.executable, precompile.__file__, MODULE, str(extension), str(tmp_path / "stamp")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == f"{MODULE}.engine"
+    (extension / "engine" / "__init__.py").write_text("def precompile(kernel):\n    print(__name__, repr(kernel))\n")
+    command = [sys.executable, precompile.__file__, MODULE, str(extension)]
+    done = subprocess.run([*command, "", str(tmp_path / "stamp")], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"{MODULE}.engine ''"
+    done = subprocess.run([*command, "a kernel"], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"{MODULE}.engine 'a kernel'"
     assert (tmp_path / "stamp").exists()
 
 
 def test_a_failure_leaves_no_stamp(precompile, tmp_path: Path) -> None:
-    command = [sys.executable, precompile.__file__, MODULE, str(tmp_path / "nothing"), str(tmp_path / "stamp")]
+    command = [sys.executable, precompile.__file__, MODULE, str(tmp_path / "nothing"), "", str(tmp_path / "stamp")]
     assert subprocess.run(command, capture_output=True).returncode != 0
     assert not (tmp_path / "stamp").exists()
 
@@ -69,3 +85,18 @@ def test_a_cache_folder_that_the_user_chose_stays(precompile, tmp_path: Path) ->
     precompile.register()
     precompile.unregister()
     assert os.environ[precompile.CACHE_VARIABLE] == str(tmp_path)
+
+
+def test_the_engine_has_a_kernel_compiled_by_the_same_process(precompile, tmp_path: Path) -> None:
+    """As it is where there is a window: the kernel comes from a process that knows nothing but its name."""
+    engine = sys.modules[f"{MODULE}.engine"]
+    engine.compile_elsewhere(precompile._command(), {**precompile._environment(), "LOBE_CACHE_DIR": str(tmp_path)})
+    elsewhere = sys.modules[f"{MODULE}.engine.elsewhere"]
+    name = {"features": {"emitter_choice": 0}, "first_hits": False}
+    try:
+        elsewhere.compiled(name, tmp_path, bool)
+    finally:
+        engine.compile_elsewhere(())
+    (folder,) = (tmp_path / "kernels").iterdir()
+    assert list(folder.glob("*.compiled")), "the process marks what it has compiled"
+    assert list(folder.rglob("*.nbc")), "and leaves the code"
