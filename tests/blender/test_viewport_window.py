@@ -45,6 +45,7 @@ def test_every_edit_changes_the_picture(seen, figure) -> None:
     assert all(picture["samples"] == (8 if name in order[:6] else 12) for name, picture in pictures.items())
     times = ", ".join(f"{name} {value:.0f}" for name, value in seen["milliseconds"].items())
     figure(f"viewport: milliseconds from an edit to its first drawn picture: {times}")
+    figure(f"viewport: no reaction for {seen['standstill']['rendered']:.2f} s at most while the first kernel compiles")
     figure(f"viewport: {seen['orbit']['updates']:.1f} new pictures a second while orbiting, {seen['idle']:.2f} s idle")
 
 

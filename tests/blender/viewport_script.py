@@ -17,7 +17,7 @@ import gpu
 import numpy as np
 from mathutils import Quaternion
 
-SEEN: dict = {"threads": {}, "picture": {}, "milliseconds": {}}
+SEEN: dict = {"threads": {}, "picture": {}, "milliseconds": {}, "standstill": {}}
 PATIENCE = 240.0  # seconds: the first step compiles
 drawn: list = []  # (time, Picture) of every picture that was new when it was drawn
 view_pixels: list[np.ndarray] = []  # of the region as it was drawn last, scene-linear
@@ -62,11 +62,15 @@ def watch_drawing() -> None:
 
 
 def until(condition):
-    begun = time.perf_counter()
+    """Gives back how long Blender stood still at most, in seconds: nothing else is called meanwhile."""
+    begun = last = time.perf_counter()
+    longest = 0.0
     while not condition():
         if time.perf_counter() - begun > PATIENCE:
             raise TimeoutError(threads())
         yield 0.005
+        longest, last = max(longest, time.perf_counter() - last), time.perf_counter()
+    return longest
 
 
 def finished() -> bool:
@@ -80,7 +84,7 @@ def step(name: str, change):
     change()
     for area in areas():
         area.tag_redraw()
-    yield from until(lambda: len(drawn) > first)
+    SEEN["standstill"][name] = yield from until(lambda: len(drawn) > first)
     SEEN["milliseconds"][name] = 1e3 * (drawn[first][0] - begun)
     yield from until(finished)
     yield 0.5  # so that it is drawn, too
