@@ -1,0 +1,169 @@
+"""Where a render's time goes: Embree, and each part of the kernel, `python benchmarks/hotspots.py`.
+
+Linux's `perf` takes some thousand samples a second of where the processor is while each sample scene renders on one
+thread; binutils' `addr2line` says which functions of the kernel, inlined into each other as they all are, an address
+belongs to. Each sample counts for the part that asked: a table's lookup for the light tree if that looked it up. Writes
+hotspots.csv and .md into benchmarks/results/. Shares of a few per cent depend on how LLVM mixes what it inlines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import common
+from common import br
+from tqdm import tqdm
+
+from tools.render import resolution, seconds
+
+SAMPLES = 64
+FREQUENCY = 4000  # samples a second
+WARMING_UP = 0.5  # seconds until `perf` listens
+
+# Parts by the start of a file's path in engine/kernels, the first that fits. What is in no part is a helper: its
+# callers are asked.
+PARTS = {
+    "light tree": ("light/tree",),
+    "environment": ("light/environment",),
+    "other light sampling": ("light/", "direct", "mis"),
+    "BSDFs": ("bsdf/",),
+    "surface that was met": ("met", "vertex", "geom/surface"),
+    "random numbers": ("sampler/sobol", "sampler/random"),
+    "camera, film": ("camera/", "film/"),
+    "rays to and from Embree": ("rays", "embree"),
+    "paths, their states": ("staged", "batch", "path", "tile", "records"),
+}
+EMBREE, OTHER = "Embree", "everything else"
+
+
+def part_of(chain: list[str]) -> str:
+    """Of an address. chain: files in engine/kernels, from the function it is in to the one it was inlined into last."""
+    for file in chain:
+        for part, starts in PARTS.items():
+            if file.startswith(starts):
+                return part
+    return OTHER
+
+
+def measure(name: str, options: argparse.Namespace) -> dict[str, str]:
+    """A row of the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        # Lines are known of kernels that were compiled with them, in this very process: from the cache they come bare.
+        environment = {**os.environ, "LOBE_CACHE_DIR": folder, "NUMBA_DEBUGINFO": "1"}
+        task = json.dumps([name, options.resolution, options.seconds, folder])
+        command = [sys.executable, __file__, "--render", task]
+        subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, check=True)
+        counted = _parts(Path(folder))
+    total = counted.total()
+    shares = {part: f"{counted[part] / total:.0%}" for part in (EMBREE, *PARTS, OTHER)}
+    return {"scene": name, "resolution": "{}x{}".format(*options.resolution), "samples": str(total), **shares}
+
+
+def render_and_record(name: str, size: tuple[int, int], duration: float, folder: Path) -> None:
+    """What `measure` runs. Leaves perf.data, kernel.o and where that was in memory in the folder."""
+    from benchmarks import ceiling
+
+    common.enable_lobe()
+    from bl_ext.user_default.lobe.engine import render, schedule
+
+    scene, settings = ceiling.export(name, size, SAMPLES, 1)
+    render(scene, settings)  # compiles
+    packed = schedule.pack(scene, settings)
+    (compiled,) = schedule.tile_kernel(packed.features).overloads.values()
+    function = compiled.fndesc.llvm_func_name
+    (folder / "kernel.o").write_bytes(compiled.library._get_compiled_object())
+    (folder / "place.json").write_text(json.dumps([function, compiled.library.get_pointer_to_function(function)]))
+    command = ["perf", "record", "-q", "-F", str(FREQUENCY), "-e", "cpu-clock", "-p", str(os.getpid())]
+    perf = subprocess.Popen([*command, "-o", str(folder / "perf.data")])
+    time.sleep(WARMING_UP)
+    begun = time.perf_counter()
+    while time.perf_counter() - begun < duration:
+        render(scene, settings)
+    perf.send_signal(signal.SIGINT)
+    perf.wait()
+
+
+def _parts(folder: Path) -> Counter[str]:
+    """Samples of each part."""
+    function, address = json.loads((folder / "place.json").read_text())
+    kernel = folder / "kernel.o"
+    symbols = _lines("nm", str(kernel))
+    start = next(int(line.split()[0], 16) for line in symbols if line.endswith(f" {function}"))
+    end = kernel.stat().st_size
+    counted: Counter[str] = Counter()
+    inside: Counter[int] = Counter()
+    for line in _lines("perf", "script", "-i", str(folder / "perf.data"), "-F", "ip,dso"):
+        found = re.match(r"\s*([0-9a-f]+) .*?\((.*)\)$", line)
+        if found is None:
+            continue
+        offset = int(found[1], 16) - address + start
+        if "embree" in found[2]:
+            counted[EMBREE] += 1
+        elif 0 <= offset < end and not found[2].endswith(".so"):
+            inside[offset] += 1
+        else:
+            counted[OTHER] += 1
+    for offset, chain in _chains(kernel, sorted(inside)).items():
+        counted[part_of(chain)] += inside[offset]
+    return counted
+
+
+def _chains(kernel: Path, offsets: list[int]) -> dict[int, list[str]]:
+    """For each offset the files of engine/kernels that it comes from, the innermost function's first."""
+    asked = "\n".join(f"{offset:#x}" for offset in offsets)
+    command = ["addr2line", "-a", "-i", "-e", str(kernel)]
+    told = subprocess.run(command, input=asked, capture_output=True, text=True, check=True).stdout
+    chains: dict[int, list[str]] = {}
+    chain: list[str] = []
+    for line in told.splitlines():
+        if line.startswith("0x"):
+            chain = chains.setdefault(int(line, 16), [])
+        elif "/kernels/" in line:
+            chain.append(line.partition("/kernels/")[2])
+    return chains
+
+
+def _lines(*command: str) -> list[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("scenes", nargs="*", default=list(common.SCENES), metavar="SCENE", help="default: all samples")
+    parser.add_argument("--resolution", type=resolution, default=(192, 192), metavar="WxH")
+    parser.add_argument("--seconds", type=seconds(0.1), default=10.0, help="of rendering for each scene")
+    parser.add_argument("--render", type=json.loads, help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def main() -> int:
+    options = parse()
+    if options.render:
+        name, size, duration, folder = options.render
+        render_and_record(name, tuple(size), duration, Path(folder))
+        return 0
+    with br.quiet_stdout() as say:
+        if missing := [program for program in ("perf", "addr2line", "nm") if not shutil.which(program)]:
+            print(f"hotspots.py: not installed: {', '.join(missing)}", file=sys.stderr)
+            return 2
+        rows = []
+        for name in tqdm(options.scenes, file=sys.stderr):
+            rows.append(measure(name, options))
+            common.update_table("hotspots", ("scene", "resolution"), rows)
+        say(common.markdown(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
