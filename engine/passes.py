@@ -58,6 +58,8 @@ class PassFilm:
         self.parts = np.zeros((*shape, width) if width else (1, 1, 1))
         self.columns, width = _columns(DATA, needed)
         self.data = np.zeros((*shape, width + 1) if width else (1, 1, 1))
+        if (depth := self.columns[DATA.index("DEPTH")]) >= 0:
+            self.data[..., depth] = NOTHING_THERE  # until somebody has looked
 
     def pictures(self, samples: np.ndarray, exposure: float) -> dict[str, np.ndarray]:
         """(h, w, channels) float32 of each pass. samples (h, w), of the film."""
