@@ -244,11 +244,16 @@ class _Picture:
 
     def fill(self, passes: dict[str, np.ndarray]) -> None:
         """By the engine's names. They are there once the picture is shown."""
+        for pixels in passes.values():
+            self._check(pixels)
         fill_passes(self.result.layers[0], passes)
 
-    def show(self, pixels: np.ndarray) -> None:
+    def _check(self, pixels: np.ndarray) -> None:
         if pixels.shape[:2] != self.shape:
             raise RuntimeError(f"the picture is {pixels.shape[:2]} pixels high and wide, Blender expects {self.shape}")
+
+    def show(self, pixels: np.ndarray) -> None:
+        self._check(pixels)
         flat = np.ascontiguousarray(pixels, dtype=np.float32).reshape(-1)
         for render_pass in self.result.layers[0].passes:
             if render_pass.name == "Combined":  # one for each view

@@ -140,6 +140,22 @@ def test_the_picture_grows_while_it_renders(simple_scene, fake, session, monkeyp
     assert shown[-1] == 31.0
 
 
+def test_passes_of_another_size_are_refused_before_they_are_written(simple_scene, fake, session, monkeypatch) -> None:
+    """The message is the same as for the picture, and nothing was copied for it."""
+    original, written = session.lobe.render, []
+
+    def render(*arguments, **options):
+        result = original(*arguments, **options)
+        result.passes = {"MIST": np.zeros((3, 5, 1), np.float32)}
+        return result
+
+    monkeypatch.setattr(session.lobe, "render", render)
+    monkeypatch.setattr(session, "fill_passes", lambda *_: written.append(1))
+    with pytest.raises(RuntimeError, match=r"the picture is \(3, 5\) pixels high and wide, Blender expects \(24, 32\)"):
+        bpy.ops.render.render()
+    assert not written
+
+
 def test_persistent_data_renders_again(simple_scene, fake, rendered) -> None:
     simple_scene.render.use_persistent_data = True
     rendered(simple_scene)
