@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import chain
+from operator import attrgetter
 from typing import NamedTuple
 
 import bpy
@@ -259,16 +260,15 @@ def matrices_at_once(items, count: int, stop: Stop) -> np.ndarray:
 
 
 def matrices_one_by_one(items, count: int, stop: Stop) -> np.ndarray:
-    """The same for Blender 4, whose `foreach_get` keeps 221 bytes of each item for good (measured in 4.2 and 4.5);
-    1.5 microseconds an item."""
-
-    def rows():
-        for number, item in enumerate(items):
-            if number % ITEMS_A_CHECK == 0:
-                stop.check()
-            yield from item.matrix_world
-
-    matrices = np.fromiter(chain.from_iterable(rows()), np.float32, count * 16)
+    """The same for Blender 4, whose `foreach_get` keeps 221 bytes of each item for good (measured in 4.2 and 4.5).
+    Without a step of Python's for each."""
+    matrices = np.empty(count * 16, np.float32)
+    rows = chain.from_iterable(map(attrgetter("matrix_world"), items))
+    numbers = chain.from_iterable(rows)
+    for first in range(0, len(matrices), 16 * ITEMS_A_CHECK):
+        stop.check()
+        part = matrices[first : first + 16 * ITEMS_A_CHECK]
+        part[:] = np.fromiter(numbers, np.float32, len(part))
     return matrices.reshape(count, 4, 4)[:, :3, :]
 
 
