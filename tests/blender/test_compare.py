@@ -185,6 +185,15 @@ def test_what_cannot_be_matched_is_listed(scene) -> None:
     assert "Bumpy" in page and "motion blur" in page
 
 
+def test_ticked_passes_are_listed_and_stay(scene) -> None:
+    scene.view_layers[0].use_pass_z = False
+    scene.view_layers[0].use_pass_mist = True
+    bpy.ops.lobe.compare_with_cycles()
+    (line,) = unmatched(scene)
+    assert line.startswith("Passes are ticked in the view layer, and their time is in the figures")
+    assert scene.view_layers[0].use_pass_mist and line in compare.html(operators.outcome_of(scene))
+
+
 @pytest.fixture
 def phong(scene):
     group = sys.modules[f"{MODULE}.addon.phong_group"].phong_group()
