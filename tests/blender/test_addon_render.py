@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import engine
+from tests.blender.export_checks import add_object, new_material, plane_mesh
 from tools import blender_render
 from tools.lobe_blender import MODULE
 
@@ -200,6 +201,15 @@ def test_rejected_samples_are_told_once(simple_scene, fake, session, report, mon
         "Warning: Lobe: samples that are not finite come from a light or an emission too strong to calculate with. "
         "Where there is none, this is a bug in Lobe",
     ]
+
+
+def test_what_is_true_of_many_is_told_in_one_line(simple_scene, capfd) -> None:
+    for number in range(11):
+        material, _ = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
+        add_object(f"Plate {number}", plane_mesh()).data.materials.append(material)
+    bpy.ops.render.render()
+    (line,) = [line for line in capfd.readouterr().out.splitlines() if "grazing" in line]
+    assert line.startswith("Warning: Lobe: material 'Shiny 0', 'Shiny 1', ") and "'Shiny 7' and 3 more: " in line
 
 
 def test_metadata_in_the_file(simple_scene, fake, rendered, tmp_path) -> None:
