@@ -46,6 +46,10 @@ KINDS = {
 }
 
 
+# Of a picture that is denoised, Combined before that, by Cycles' name in every version. Nobody ticks it.
+NOISY = "Noisy Image"
+
+
 class LobeViewLayer(bpy.types.PropertyGroup):
     """`view_layer.lobe`: the boxes that Blender itself doesn't have."""
 
@@ -79,11 +83,16 @@ def register_passes(engine: bpy.types.RenderEngine, scene, view_layer) -> None:
     for name in wanted_passes(view_layer):
         kind = KINDS[name]
         engine.register_pass(scene, view_layer, blender_name(name), len(kind.channels), kind.channels, kind.type)
+    if scene.lobe.use_denoising:
+        engine.register_pass(scene, view_layer, NOISY, 4, "RGBA", "COLOR")
 
 
-def fill_passes(layer, pictures: dict[str, np.ndarray]) -> None:
-    """Write the pictures of passes into a layer of the result. pictures: (h, w, channels) by the engine's names."""
+def fill_passes(layer, pictures: dict[str, np.ndarray], noisy: np.ndarray | None = None) -> None:
+    """Write the pictures of passes into a layer of the result. pictures: (h, w, channels) by the engine's names; noisy:
+    (h, w, 4), of a picture that is denoised."""
     by_name = {blender_name(name): picture for name, picture in pictures.items()}
+    if noisy is not None:
+        by_name[NOISY] = noisy
     for render_pass in layer.passes:
         if render_pass.name in by_name:  # once for each view
             flat = np.ascontiguousarray(by_name[render_pass.name], dtype=np.float32)

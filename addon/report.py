@@ -71,8 +71,9 @@ def publish(report: dict, engine) -> None:
     fill_scene_report(report, report.pop("scene_key"), report.pop("notes"))
     last_report.clear()
     last_report.update(report)
-    for warning in report["warnings"]:
-        engine.report({"WARNING"}, f"Lobe: {warning}")
+    notes = (scene_report.note_from_sentence(scene_report.WARNING, warning) for warning in report["warnings"])
+    for group in scene_report.grouped(notes):
+        engine.report({"WARNING"}, f"Lobe: {scene_report.sentence(group)}")
     if report["rejected"]:  # how many is one of the warnings
         engine.report({"WARNING"}, f"Lobe: {REJECTED}")
     if report["not_exported"]:

@@ -20,7 +20,7 @@ HEADINGS = {
     WARNING: "Not drawn as asked",
     SKIPPED: "Left out, which changes nothing",
 }
-NAMES_A_LINE = 8  # of the command line
+NAMES_A_LINE = 8
 REDRAW_INTERVAL = 0.5  # seconds
 
 _SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) '([^']*)': (.*)", re.DOTALL)
@@ -77,6 +77,15 @@ def lines(report: Report) -> list[str]:
         text += [f"{heading}:"] if groups else []
         text += [f"{len(group.names) or '-':>7}  {group.kind or 'scene':<10}  {_described(group)}" for group in groups]
     return text
+
+
+def sentence(group: Group) -> str:
+    """All in one line, however many datablocks it is true of."""
+    if not group.names:
+        return group.what
+    names = ", ".join(f"'{name}'" for name in group.names[:NAMES_A_LINE])
+    more = len(group.names) - NAMES_A_LINE
+    return f"{group.kind} {names}" + (f" and {more} more" if more > 0 else "") + f": {group.what}"
 
 
 def _described(group: Group) -> str:

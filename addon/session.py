@@ -78,9 +78,10 @@ class Session:
             if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
                 report["stopped"] = True
             else:
+                noisy = result.pixels
                 if self.denoising and not result.stopped:
                     self._denoise(result)
-                picture.fill(result.passes)
+                picture.fill(result.passes, noisy if self.denoising else None)
                 picture.show(result.pixels)
                 total = self.export_seconds + time.perf_counter() - start
                 add_layer(report, self.scene, result, self.export_seconds, total)
@@ -242,13 +243,19 @@ class _Picture:
         # Blender clamps the rectangle to what it renders itself.
         self.shape = (self.result.resolution_y, self.result.resolution_x)
 
-    def fill(self, passes: dict[str, np.ndarray]) -> None:
-        """By the engine's names. They are there once the picture is shown."""
-        fill_passes(self.result.layers[0], passes)
+    def fill(self, passes: dict[str, np.ndarray], noisy: np.ndarray | None) -> None:
+        """By the engine's names; `noisy` is Combined as it was traced, of a picture to be denoised. They are there once
+        the picture is shown."""
+        for pixels in passes.values():
+            self._check(pixels)
+        fill_passes(self.result.layers[0], passes, noisy)
 
-    def show(self, pixels: np.ndarray) -> None:
+    def _check(self, pixels: np.ndarray) -> None:
         if pixels.shape[:2] != self.shape:
             raise RuntimeError(f"the picture is {pixels.shape[:2]} pixels high and wide, Blender expects {self.shape}")
+
+    def show(self, pixels: np.ndarray) -> None:
+        self._check(pixels)
         flat = np.ascontiguousarray(pixels, dtype=np.float32).reshape(-1)
         for render_pass in self.result.layers[0].passes:
             if render_pass.name == "Combined":  # one for each view

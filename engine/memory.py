@@ -8,11 +8,13 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from .errors import LobeError
+from .passes import bytes_a_pixel
 from .scene import Mesh, Scene
 
 # Bytes, measured with grids and loose triangles of 1 to 4 million: the tables of `pack` to the byte, Embree's structure
@@ -28,22 +30,37 @@ ADVICE = (
     "lower resolution"
 )
 CONTROL_GROUP = Path("/sys/fs/cgroup")
+MEMORY = Path("/proc/meminfo")
 
 
-def need_of(scene: Scene, meshes: list[Mesh], instances: int) -> dict[str, int]:
+def need_of(scene: Scene, meshes: list[Mesh], instances: int, passes: Sequence[str] = ()) -> dict[str, int]:
     """Bytes by what they are for, largest first. meshes: of those that are stored, one for each time; instances: the
-    number of placements that are Embree's."""
+    number of placements that are Embree's; passes: beside Combined."""
     triangles, vertices = sum(len(mesh.triangles) for mesh in meshes), sum(len(mesh.vertices) for mesh in meshes)
     normals = sum(len(mesh.normals) for mesh in meshes if mesh.normals is not None)
     of_meshes = OF_TRIANGLE * triangles + OF_VERTEX * vertices + OF_NORMAL * normals
     if normals and any(mesh.normals is None or mesh.normal_indices is not None for mesh in meshes):
         of_meshes += OF_NORMAL_INDICES * triangles  # else normals are numbered as vertices are
+    return _largest_first(
+        {
+            f"{triangles:,} triangles": of_meshes,
+            f"{instances:,} instances": OF_INSTANCE * instances,
+            **need_of_film(scene, passes),
+        }
+    )
+
+
+def need_of_film(scene: Scene, passes: Sequence[str] = ()) -> dict[str, int]:
+    """The part of `need_of` that no surface has a share in."""
     x0, y0, x1, y1 = scene.render_region
-    need = {
-        f"{triangles:,} triangles": of_meshes,
-        f"{instances:,} instances": OF_INSTANCE * instances,
-        f"{x1 - x0} x {y1 - y0} pixels": OF_PIXEL * (x1 - x0) * (y1 - y0),
-    }
+    pixels, size = (x1 - x0) * (y1 - y0), f"{x1 - x0} x {y1 - y0} pixels"
+    need = {size: OF_PIXEL * pixels}
+    if passes:
+        need[f"{len(passes)} passes of {size}"] = bytes_a_pixel(passes) * pixels
+    return _largest_first(need)
+
+
+def _largest_first(need: dict[str, int]) -> dict[str, int]:
     return dict(sorted(need.items(), key=lambda item: -item[1]))
 
 
@@ -69,20 +86,43 @@ def available() -> float:
 
 
 def _linux() -> float:
-    lines = _numbers(Path("/proc/meminfo"))
+    lines = _numbers(MEMORY)
     if "MemAvailable:" not in lines:
         return np.inf
     return 1024.0 * (lines["MemAvailable:"] + lines.get("SwapFree:", 0))
 
 
 def _control_group(folder: Path) -> float:
-    """Of a container, by version 2 of Linux's control groups."""
-    try:
-        most, used = (folder / "memory.max").read_text().strip(), int((folder / "memory.current").read_text())
-    except (OSError, ValueError):
+    """Of a container, by version 2 of Linux's control groups (Documentation/admin-guide/cgroup-v2.rst of the kernel).
+
+    What is in use counts as free where the kernel takes it back before it ends a process of the group: copies of files
+    (active_file, inactive_file) and of what it knows of them (slab_reclaimable). Not those that programs have mapped
+    (file_mapped): their code is among them, and they crawl when it is read anew again and again. Other pages go to swap
+    space, as much as the group may have and the system has left; a group that doesn't tell has none.
+    """
+    most, used = _bytes(folder / "memory.max"), _bytes(folder / "memory.current")
+    if most is None or used is None:
         return np.inf
-    files = _numbers(folder / "memory.stat").get("inactive_file", 0)  # copies of files, that make room
-    return np.inf if most == "max" else float(int(most) - used + files)
+    stat = _numbers(folder / "memory.stat")
+    copies = stat.get("active_file", 0) + stat.get("inactive_file", 0) - stat.get("file_mapped", 0)
+    return most - used + max(copies, 0) + stat.get("slab_reclaimable", 0) + _swap(folder)
+
+
+def _swap(folder: Path) -> float:
+    """Bytes that a control group may still swap out."""
+    most, used = _bytes(folder / "memory.swap.max"), _bytes(folder / "memory.swap.current")
+    if most is None or used is None:
+        return 0.0
+    return min(max(most - used, 0.0), 1024.0 * _numbers(MEMORY).get("SwapFree:", 0))
+
+
+def _bytes(path: Path) -> float | None:
+    """Of a file with a number, or with "max" for no limit; None where there is neither."""
+    try:
+        text = path.read_text().strip()
+        return np.inf if text == "max" else float(int(text))
+    except (OSError, ValueError):
+        return None
 
 
 def _limit() -> float:

@@ -38,6 +38,8 @@ COLOR_OF = {
 PASSES = {**MIDDLE, **MEAN, **dict.fromkeys(LIGHT, 3), SAMPLE_COUNT: 1}
 # Places in `PassFilm.columns`.
 DATA = (*MIDDLE, *MEAN)
+_SUM, _SHOWN = 8, 4  # bytes of a channel: float64 while it is summed up, float32 in a picture
+NOTHING_THERE = 1e10  # the depth where no surface is, as in Cycles
 STRIP = 64  # rows of a picture that are worked out at a time: large ones leave no room for copies
 
 
@@ -56,6 +58,8 @@ class PassFilm:
         self.parts = np.zeros((*shape, width) if width else (1, 1, 1))
         self.columns, width = _columns(DATA, needed)
         self.data = np.zeros((*shape, width + 1) if width else (1, 1, 1))
+        if (depth := self.columns[DATA.index("DEPTH")]) >= 0:
+            self.data[..., depth] = NOTHING_THERE  # until somebody has looked
 
     def pictures(self, samples: np.ndarray, exposure: float) -> dict[str, np.ndarray]:
         """(h, w, channels) float32 of each pass. samples (h, w), of the film."""
@@ -90,6 +94,15 @@ def all_needed(wanted: Iterable[str]) -> set[str]:
     """The passes and the colours that they are divided by."""
     wanted = set(wanted)
     return wanted | {COLOR_OF[name] for name in wanted if name in COLOR_OF}
+
+
+def bytes_a_pixel(wanted: Iterable[str]) -> int:
+    """What passes take of memory for each pixel: the sums of a `PassFilm`, the pictures of them, and Blender's copy."""
+    wanted = tuple(wanted)
+    needed = all_needed(wanted)
+    light, data = (sum(PASSES[name] for name in names if name in needed) for names in (LIGHT, DATA))
+    sums = light + data + (1 if data else 0)  # beside data there is the number of samples
+    return sums * _SUM + sum(PASSES[name] for name in wanted) * 2 * _SHOWN
 
 
 def has_light_passes(wanted: Iterable[str]) -> bool:

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
 from .kernels.tile import make_tile_kernel, new_memory
 from .lighttree import load_builder
+from .memory import foresee, need_of_film
 from .pack import Packed, pack
 from .pack.again import pack_next
 from .passes import LIGHT
@@ -124,7 +125,7 @@ class _Render:
 
     def __init__(self, scene: Scene, settings: Settings, watch: _Watch, prepared: Prepared):
         self.scene, self.settings, self.watch, self.prepared = scene, settings, watch, prepared
-        self.film = Film(scene.render_region, scene.exposure, settings.passes)
+        foresee(need_of_film(scene, settings.passes))
         self.result = Result(
             pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
         )
@@ -133,8 +134,13 @@ class _Render:
         self.halt = np.zeros(1, np.uint8)
         self.counted = np.zeros(COUNTERS, np.int64)
 
+    @cached_property
+    def film(self) -> Film:
+        """Made when the scene is packed: what both take is foreseen while there is neither."""
+        return Film(self.scene.render_region, self.scene.exposure, self.settings.passes)
+
     def run(self) -> Result:
-        result, film = self.result, self.film
+        result = self.result
         try:
             with self._timed("compile"):
                 self._load_small_ones()
@@ -149,6 +155,7 @@ class _Render:
         finally:
             self.halt[0] = 1
             self.pool.shutdown(wait=False, cancel_futures=True)
+        film = self.film
         result.pixels, result.passes = film.pixels(), film.pass_pictures()
         result.samples = float(film.samples.mean()) if film.samples.size else 0.0
         if result.rejected:

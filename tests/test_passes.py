@@ -17,9 +17,11 @@ import engine.kernels.tile as tile
 import engine.pack.geometry as packing
 import engine.schedule as schedule
 from engine import PASSES, Scene, Settings, SettingsError, World, render
+from engine.film import Film
+from engine.kernels import first_hit
 from engine.kernels.path import make_path_kernel, new_path
 from engine.pack import pack
-from engine.passes import COLOR_OF, LIGHT, MEAN, MIDDLE, PassFilm, divided
+from engine.passes import COLOR_OF, LIGHT, MEAN, MIDDLE, NOTHING_THERE, PassFilm, divided
 from engine.reference.camera import camera_rays
 from engine.scene import Aperture, AreaLight, Material, Mist, PointLight, Visibility
 
@@ -70,6 +72,35 @@ def test_a_holdout_is_nothing():
     assert np.allclose(passes["DEPTH"], 1e10)
     for name in ("NORMAL", "MATERIAL_INDEX", "DIFFUSE_COLOR", "AMBIENT_OCCLUSION"):
         assert not passes[name].any(), name
+
+
+def test_where_no_sample_is_there_is_nothing():
+    """As Cycles writes a render that was stopped: far away, behind all of the mist. Never at the camera's own place."""
+    scene, settings = shapes(), Settings(samples=1, passes=("DEPTH", "POSITION", "MIST", "SAMPLE_COUNT"))
+    scene.mist = Mist(start=0.0, depth=50.0)
+    film = Film(scene.render_region, 1.0, settings.passes)
+    x0, y0, x1, y1 = scene.render_region
+    middle = (x0 + x1) // 2
+    tiles = schedule.Shared(iter([(x0, y0, middle, y1)]))
+    schedule.render_tiles(pack(scene, settings), settings, film, None, tiles, 0, 1, np.zeros(1, np.uint8))
+    passes = film.pass_pictures()
+    reached = passes["SAMPLE_COUNT"][..., 0] > 0
+    assert reached.sum() == (middle - x0) * (y1 - y0)
+    whole = picture(scene, settings.passes, samples=1).passes
+    for name in settings.passes:
+        np.testing.assert_array_equal(passes[name][reached], whole[name][reached])
+    assert passes["DEPTH"][reached].min() < NOTHING_THERE == np.float64(first_hit.NOTHING_THERE)
+    assert np.all(passes["DEPTH"][~reached] == np.float32(1e10)) and np.all(passes["MIST"][~reached] == 1.0)
+
+
+def test_a_render_that_is_stopped_before_it_begins_shows_nothing(monkeypatch):
+    def stop(_render):
+        raise schedule.Stopped
+
+    monkeypatch.setattr(schedule._Render, "_build", stop)
+    result = picture(shapes(), ("DEPTH", "MIST"))
+    assert result.stopped and result.samples == 0
+    assert np.all(result.passes["DEPTH"] == np.float32(1e10)) and np.all(result.passes["MIST"] == 1.0)
 
 
 def unshadowed() -> Scene:

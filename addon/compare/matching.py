@@ -48,7 +48,7 @@ def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
         keeper.put(render, "use_crop_to_border", True)
     # Adds an entry to the metadata in place of the file's path.
     keeper.put(render, "use_stamp_filename", False)
-    missing += _linked_objects() + _bare_objects(scene) + _passes(scene)
+    missing += _linked_objects() + _passes(scene)
     peer.apply_fair_settings(scene, keeper.put)
     peer.copy_lobe_settings(scene, keeper.put)
     keeper.put(scene.cycles, "time_limit", seconds)
@@ -99,19 +99,6 @@ def _linked_objects() -> list[str]:
     return [f"Linked objects keep Cycles' shadow terminator offset, which Lobe doesn't have: {_listed(names)}"]
 
 
-def _bare_objects(scene) -> list[str]:
-    names = [
-        obj.name
-        for obj in scene.objects
-        if obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT")
-        and not obj.hide_render
-        and (not obj.material_slots or any(slot.material is None for slot in obj.material_slots))
-    ]
-    if not names:
-        return []
-    return [f"Without a material Lobe draws a diffuse surface, and Cycles a Principled BSDF: {_listed(names)}"]
-
-
 def _phong(scene, keeper: Keeper) -> list[str]:
     """The exact Phong lobe in Cycles, where it can do that; else its own stand-in is what it draws."""
     groups = peer.phong_groups()
@@ -137,7 +124,7 @@ def not_drawn(scene) -> list[str]:
     """What Lobe, in its newest render of the scene, did not draw as asked: there the pictures differ in earnest."""
     report = scene_report.report_of(scene)
     groups = report.of_level(ERROR, WARNING) if report is not None else []
-    return [(f"{group.kind} {_listed(list(group.names))}: " if group.names else "") + group.what for group in groups]
+    return [scene_report.sentence(group) for group in groups]
 
 
 def changed(changes: list[Change]) -> list[tuple[str, str, str]]:

@@ -25,6 +25,9 @@ SRGB_SPACES = {"sRGB"}
 
 FILES = ("FILE", "SEQUENCE", "TILED", "MOVIE")
 MOVING = ("SEQUENCE", "MOVIE")
+LAYERS = "several layers or views in one image are not supported, only the first is read"
+STEREO = "the views of a stereo image are not supported, it is read as one picture"
+PACKED_LAYERS = "has several layers or views and is packed into the .blend, which is not supported: unpack it"
 UNREADABLE = "cannot be read: its file is damaged or of an unknown format"
 # Alpha modes that leave the colour alone.
 APART = ("NONE", "CHANNEL_PACKED")
@@ -103,15 +106,26 @@ class Images:
         path = image_path(image, node.image_user) if from_file else ""
         problem = file_problem(path) if from_file else ""
         pixels = read_file(path) if from_file and not problem and image.source != "MOVIE" else None
+        several = pixels is not None and has_layers(path)
         if pixels is None and not problem:
             pixels = read_datablock(image)
             if pixels is not None and image.is_float:  # Blender has converted these already.
+                self._note_parts(image, several)
                 return pixels
             problem = UNREADABLE if image.source in FILES else "has no pixels"
+            if image.original.type == "MULTILAYER":  # as Blender knows once it has tried
+                problem = PACKED_LAYERS
         if pixels is None:
             self._problems[self._key(node)] = problem
             return None
+        self._note_parts(image, several)
         return self._converted(image, pixels, multiplied)
+
+    def _note_parts(self, image, several: bool) -> None:
+        if several:
+            self._notes.warn("image", image.name, LAYERS)
+        elif image.use_multiview:
+            self._notes.warn("image", image.name, STEREO)
 
     def _converted(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
         """Scene-linear. Cycles multiplies sRGB with alpha before it decodes it, bytes as bytes; others afterwards."""
@@ -183,6 +197,19 @@ def read_file(path: str) -> Pixels | None:
     if data is None:
         return None
     return _split(data.reshape(spec.height, spec.width, -1)[::-1], straight)
+
+
+def has_layers(path: str) -> bool:
+    """Whether an OpenEXR file holds several pictures: as parts, or as groups of channels ("Layer.Combined.R")."""
+    import OpenImageIO as oiio
+
+    source = oiio.ImageInput.open(path)
+    if source is None or source.format_name() != "openexr":
+        return False
+    groups = {name.rpartition(".")[0] for name in source.spec().channelnames}
+    several = len(groups) > 1 or source.seek_subimage(1, 0)
+    source.close()
+    return several
 
 
 def read_datablock(image) -> Pixels | None:

@@ -80,7 +80,7 @@ def pack(scene: Scene, settings: Settings, halt: np.ndarray | None = None) -> Pa
     accel.BuildStopped once `halt` is set."""
     move = move_of(scene)
     placed = move.scene(scene)
-    geometry = pack_geometry(placed)
+    geometry = pack_geometry(placed, settings.passes)
     lights = pack_lights(placed, geometry)
     return assemble(Parts(scene, move, geometry, lights), settings, halt)
 

@@ -66,13 +66,14 @@ class PackedGeometry:
         return replace(self, tables=tables, features={**self.features, **_material_features(materials[self.used])})
 
 
-def pack_geometry(scene: Scene) -> PackedGeometry:
-    """Everything that has triangles. See the module's text for what is baked and what is instanced."""
+def pack_geometry(scene: Scene, passes: tuple[str, ...] = ()) -> PackedGeometry:
+    """Everything that has triangles. See the module's text for what is baked and what is instanced. passes: of the
+    picture, which the memory must hold too."""
     instances = scene.instances
     materials = pack_materials(scene)
     baked, shared = plan(scene, materials)
     meshes = [scene.meshes[mesh] for mesh, _ in baked] + [scene.meshes[mesh] for mesh in shared]
-    foresee(need_of(scene, meshes, sum(map(len, shared.values()))))
+    foresee(need_of(scene, meshes, sum(map(len, shared.values())), passes))
     out = _Triangles(meshes)
     shapes = _Shapes()
     _add_baked(scene, baked, out, shapes)

@@ -90,6 +90,11 @@ def new_material(name: str, bl_idname: str, **inputs):
     return material, node
 
 
+def warnings_of(scene) -> list[str]:
+    """Of an exported scene, but for what is said of meshes without a material, which tests are full of."""
+    return [warning for warning in scene.warnings if "without a material" not in warning]
+
+
 def cycles_picture(width: int, height: int, samples: int, folder, **settings) -> np.ndarray:
     """(height, width, 3) scene-linear, row 0 at the bottom, of the open file with the fair settings of a comparison."""
     import OpenImageIO as oiio

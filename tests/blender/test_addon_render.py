@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import engine
+from tests.blender.export_checks import add_object, new_material, plane_mesh
 from tools import blender_render
 from tools.lobe_blender import MODULE
 
@@ -140,6 +141,22 @@ def test_the_picture_grows_while_it_renders(simple_scene, fake, session, monkeyp
     assert shown[-1] == 31.0
 
 
+def test_passes_of_another_size_are_refused_before_they_are_written(simple_scene, fake, session, monkeypatch) -> None:
+    """The message is the same as for the picture, and nothing was copied for it."""
+    original, written = session.lobe.render, []
+
+    def render(*arguments, **options):
+        result = original(*arguments, **options)
+        result.passes = {"MIST": np.zeros((3, 5, 1), np.float32)}
+        return result
+
+    monkeypatch.setattr(session.lobe, "render", render)
+    monkeypatch.setattr(session, "fill_passes", lambda *_: written.append(1))
+    with pytest.raises(RuntimeError, match=r"the picture is \(3, 5\) pixels high and wide, Blender expects \(24, 32\)"):
+        bpy.ops.render.render()
+    assert not written
+
+
 def test_persistent_data_renders_again(simple_scene, fake, rendered) -> None:
     simple_scene.render.use_persistent_data = True
     rendered(simple_scene)
@@ -184,6 +201,15 @@ def test_rejected_samples_are_told_once(simple_scene, fake, session, report, mon
         "Warning: Lobe: samples that are not finite come from a light or an emission too strong to calculate with. "
         "Where there is none, this is a bug in Lobe",
     ]
+
+
+def test_what_is_true_of_many_is_told_in_one_line(simple_scene, capfd) -> None:
+    for number in range(11):
+        material, _ = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
+        add_object(f"Plate {number}", plane_mesh()).data.materials.append(material)
+    bpy.ops.render.render()
+    (line,) = [line for line in capfd.readouterr().out.splitlines() if "grazing" in line]
+    assert line.startswith("Warning: Lobe: material 'Shiny 0', 'Shiny 1', ") and "'Shiny 7' and 3 more: " in line
 
 
 def test_metadata_in_the_file(simple_scene, fake, rendered, tmp_path) -> None:

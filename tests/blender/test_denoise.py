@@ -70,6 +70,26 @@ def test_denoising_data_guides_it(available, cornell, monkeypatch) -> None:
     assert seen[1][0].max() > 0 and seen[1][1].min() < 0 and not np.array_equal(guided, alone)
 
 
+def test_the_noisy_picture_is_kept_as_a_pass(available, cornell, layers) -> None:
+    """Under Cycles' name, and only where the picture is denoised."""
+    cornell.render.film_transparent, cornell.lobe.samples, cornell.lobe.use_denoising = True, 4, True
+    both = layers(cornell)
+    cornell.lobe.use_denoising = False
+    plain = layers(cornell)
+    assert {name.split(".")[1] for name in both} - {name.split(".")[1] for name in plain} == {"Noisy Image"}
+    layer = cornell.view_layers[0].name
+    for channel in "RGBA":
+        noisy, smooth = both[f"{layer}.Noisy Image.{channel}"], both[f"{layer}.Combined.{channel}"]
+        assert np.array_equal(noisy, plain[f"{layer}.Combined.{channel}"])
+        assert np.array_equal(noisy, smooth) == (channel == "A")
+
+
+def test_without_the_library_the_noisy_pass_is_the_picture(absent, simple_scene, layers) -> None:
+    simple_scene.lobe.use_denoising = True
+    found, layer = layers(simple_scene), simple_scene.view_layers[0].name
+    assert np.all(found[f"{layer}.Noisy Image.R"] == 1.0) and np.all(found[f"{layer}.Combined.R"] == 1.0)
+
+
 def test_alpha_stays(available, cornell) -> None:
     cornell.render.film_transparent = True
     noisy, smooth = picture(cornell, False)[0], picture(cornell, True)[0]

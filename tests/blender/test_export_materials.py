@@ -175,8 +175,8 @@ def test_principled_ends():
         new_material("Glow", "ShaderNodeBsdfPrincipled", Emission_Color=(1, 0.5, 0, 1), Emission_Strength=2.0)[0]
     )
     assert glow.emission == pytest.approx((2, 1, 0))
-    # Of the gloss of the third, once for the picture; the first has none.
-    assert warnings == [DARKER_RIM.replace("'M'", "'Metal'"), FIXED_GLOSS]
+    # Of the gloss of the third; the first has none.
+    assert warnings == [DARKER_RIM.replace("'M'", "'Metal'"), f"material 'Glow': {FIXED_GLOSS}"]
 
 
 def test_principled_base_colour_above_one_is_kept_where_cycles_keeps_it():

@@ -16,7 +16,15 @@ from bl_ext.user_default.lobe.addon.export.meshes import _table_in_place, _trian
 from bl_ext.user_default.lobe.addon.export.stop import Stop
 from mathutils import Matrix
 
-from tests.blender.export_checks import add_camera, add_object, depsgraph, in_render, new_material, plane_mesh
+from tests.blender.export_checks import (
+    add_camera,
+    add_object,
+    depsgraph,
+    in_render,
+    new_material,
+    plane_mesh,
+    warnings_of,
+)
 
 
 def exported():
@@ -270,7 +278,7 @@ def test_particle_hair_is_named():
     emitter = add_object("Head", data)
     emitter.modifiers.new("Hair", "PARTICLE_SYSTEM")
     emitter.particle_systems[0].settings.type = "HAIR"
-    warnings = exported().warnings
+    warnings = warnings_of(exported())
     assert len(warnings) == 1
     assert warnings[0].startswith("object 'Head': hair of particle system")
 
@@ -325,19 +333,19 @@ def test_indirect_only_and_holdout_collections():
     assert visibility["Indirect"] == engine.Visibility.ALL & ~engine.Visibility.CAMERA
     slots = dict(zip(instances.object_names, instances.material_table[instances.material_offset], strict=True))
     assert [scene.materials[slots[name]].holdout for name in ("Indirect", "Holdout")] == [False, True]
-    assert scene.warnings == []
+    assert warnings_of(scene) == []
 
 
 def test_shadow_catcher_is_named():
     add_object("Catcher", plane_mesh()).is_shadow_catcher = True
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT")))
-    assert exported().warnings == ["object 'Catcher': shadow catchers are not supported, drawn as it is"]
+    assert warnings_of(exported()) == ["object 'Catcher': shadow catchers are not supported, drawn as it is"]
 
 
 def test_light_linking_is_named():
     plane = add_object("Plane", plane_mesh())
     plane.light_linking.receiver_collection = bpy.data.collections.new("Receivers")
-    assert exported().warnings == ["object 'Plane': light linking is not supported, every lamp lights everything"]
+    assert warnings_of(exported()) == ["object 'Plane': light linking is not supported, every lamp lights everything"]
 
 
 def geometry_nodes(object_, make):

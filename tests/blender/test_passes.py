@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -27,30 +26,6 @@ def tick(layer, *names: str, on: bool = True) -> None:
     for name in names or KINDS:
         box = KINDS[name].box
         setattr(layer if hasattr(layer, box) else layer.lobe, box, on)
-
-
-@pytest.fixture
-def layers(tmp_path: Path) -> Callable[[bpy.types.Scene], dict[str, np.ndarray]]:
-    """A function that renders into a multilayer file: (h, w) float32 by "Layer.Pass.Channel", row 0 at the top."""
-    import OpenImageIO as oiio
-
-    def render(scene: bpy.types.Scene) -> dict[str, np.ndarray]:
-        settings, path = scene.render.image_settings, tmp_path / "layers.exr"
-        if hasattr(settings, "media_type"):
-            settings.media_type = "MULTI_LAYER_IMAGE"
-        settings.file_format, settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
-        scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True)
-        image, index, found = oiio.ImageInput.open(str(path)), 0, {}
-        while image.seek_subimage(index, 0):
-            names = image.spec().channelnames
-            pixels = image.read_image(index, 0, 0, len(names), "float")
-            found.update({name: pixels[..., i].copy() for i, name in enumerate(names)})
-            index += 1
-        image.close()
-        return found
-
-    return render
 
 
 def names_of(found: dict[str, np.ndarray]) -> set[str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import addon_utils
 import bpy
@@ -96,6 +97,30 @@ def light_nodes(kind: str, socket: str):
     nodes = node_tree(lamp())
     emission = next(node for node in nodes.nodes if node.bl_idname == "ShaderNodeEmission")
     nodes.links.new(nodes.nodes.new(kind).outputs[0], emission.inputs[socket])
+
+
+def exr_file(name: str, *parts: list[str]) -> str:
+    """A file of 2 x 2 pixels with a part for each list of channels, all of them 0.5."""
+    import OpenImageIO as oiio
+
+    path, specs = str(Path(bpy.app.tempdir) / name), []
+    for number, channels in enumerate(parts):
+        specs.append(oiio.ImageSpec(2, 2, len(channels), "float"))
+        specs[-1].channelnames = channels
+        specs[-1].attribute("name", f"part{number}")
+    file = oiio.ImageOutput.create(path)
+    file.open(path, tuple(specs)) if len(specs) > 1 else file.open(path, specs[0])
+    for number, spec in enumerate(specs):
+        if number:
+            file.open(path, spec, "AppendSubimage")
+        file.write_image(np.full((2, 2, spec.nchannels), 0.5, np.float32))
+    file.close()
+    return path
+
+
+def show_in_a_texture(path: str):
+    image = feed("BsdfDiffuse", "ShaderNodeTexImage").image = bpy.data.images.load(path)
+    return image
 
 
 def world_volume():
@@ -213,10 +238,26 @@ NAMED = {
         "Holdout is not supported", "WARNING"),
     "clear coat": (
         lambda: shader("ShaderNodeEeveeSpecular", Clear_Coat=1.0), "clear coat is not supported", "WARNING"),
+    "a principled surface's gloss": (
+        lambda: shader("ShaderNodeBsdfPrincipled"), "gloss does not rise towards grazing angles", "WARNING"),
+    "layers of an image": (None, "several layers or views in one image are not supported", "WARNING"),
+    "stereo image": (None, "the views of a stereo image are not supported", "WARNING"),
     "opaque shadows": (None, "opaque shadows of a transparent surface", "WARNING"),
     "backface culling": (
         lambda: setattr(plane().active_material, "use_backface_culling", True), "only EEVEE knows that", "SKIPPED"),
 }  # fmt: skip
+
+
+NO_MATERIAL = "without a material it is drawn as a diffuse surface, in Cycles with a Principled BSDF"
+if V5:  # before that Cycles does the same
+    NAMED["no material"] = (lambda: plane().data.materials.clear(), NO_MATERIAL, "WARNING")
+    NAMED["an empty slot"] = (lambda: empty_slot(), NO_MATERIAL, "WARNING")
+
+
+def empty_slot():
+    plane().data.materials.append(None)
+    for face in plane().data.polygons:
+        face.material_index = 7  # beyond the last
 
 
 def makes(name: str):
@@ -296,6 +337,16 @@ def _():
     image.tiles.new(1002)
 
 
+@makes("layers of an image")
+def _():
+    show_in_a_texture(exr_file("layers.exr", ["First.R", "First.G", "First.B", "Second.R", "Second.G", "Second.B"]))
+
+
+@makes("stereo image")
+def _():
+    show_in_a_texture(exr_file("one.exr", ["R", "G", "B"])).use_multiview = True
+
+
 @makes("opaque shadows")
 def _():
     shader("ShaderNodeBsdfTransparent")
@@ -310,6 +361,51 @@ def test_what_is_not_drawn_as_asked_is_named(scene, checked, case) -> None:
     make()
     found = texts(checked(), level)
     assert any(expected in text for text in found), found
+
+
+@pytest.mark.parametrize(
+    ("parts", "several"),
+    [
+        ([["R", "G", "B"]], False),
+        ([["R", "G", "B", "A", "Z"]], False),
+        ([["Layer.Combined.R", "Layer.Combined.G", "Layer.Combined.B", "Layer.Combined.A"]], False),
+        ([["Layer.Combined.R", "Layer.Combined.G", "Layer.Combined.B", "Layer.Depth.Z"]], True),
+        ([["R", "G", "B"], ["R", "G", "B"]], True),
+    ],
+)
+def test_an_image_of_several_pictures_is_named(scene, checked, parts, several) -> None:
+    """And one that has no more than one is not, whatever its channels are called."""
+    image = show_in_a_texture(exr_file("parts.exr", *parts))
+    named = [(group.kind, group.names) for group in checked() if "several layers" in group.what]
+    assert named == [("image", ("parts.exr",))][: int(several)]
+    if several:
+        image.pack()
+        assert any("has several layers or views and is packed" in text for text in texts(checked()))
+
+
+def test_objects_without_a_material_are_one_line_that_finds_them(scene, checked) -> None:
+    """Not those whose faces all have one, nor those that the view layer gives one."""
+    shared = plane_mesh()
+    for number in range(3):
+        add_object(f"Bare {number}", shared)
+    painted = add_object("Painted", plane_mesh())
+    painted.data.materials.append(plane().active_material)
+    painted.data.materials.append(None)
+    assert [(group.kind, group.names) for group in checked()] == [("object", ("Bare 0", "Bare 1", "Bare 2"))][: int(V5)]
+    layer().material_override = plane().active_material
+    assert checked() == []
+    layer().material_override = None
+    for number in range(3):
+        bpy.data.objects[f"Bare {number}"].is_holdout = True
+    assert checked() == []
+
+
+def test_the_gloss_of_principled_surfaces_is_one_line_with_their_names(scene, checked) -> None:
+    for number in range(2):
+        material, _ = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
+        add_object(f"Ball {number}", plane_mesh()).data.materials.append(material)
+    (group,) = checked()
+    assert (group.kind, group.names) == ("material", ("Shiny 0", "Shiny 1"))
 
 
 # --- what is honoured -------------------------------------------------------------------------------------------------
@@ -422,7 +518,7 @@ def test_what_is_honoured_is_drawn_and_not_listed(scene, part, checked, case) ->
     assert not holds(in_render(lambda engine, graph: export_scene(graph)))
     make()
     assert holds(in_render(lambda engine, graph: export_scene(graph)))
-    assert texts(checked()) == []
+    assert [text for text in texts(checked()) if not text.startswith(NO_MATERIAL)] == []
 
 
 # --- the check ------------------------------------------------------------------------------------------------------

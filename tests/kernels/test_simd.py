@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import math
 
 import numba
@@ -12,6 +13,7 @@ from numba.core.errors import TypingError
 from engine.kernels.geom import elementary
 from engine.kernels.geom.vec import ONE, ZERO
 from engine.kernels.jit import kernel
+from engine.kernels.light.tree import NODE_WORDS
 from engine.kernels.simd import (
     WIDTH,
     add_at,
@@ -215,6 +217,48 @@ def test_lanes_look_up_and_write_places_of_their_own() -> None:
     assert np.allclose(sums[0], added) and np.array_equal(sums[1], put)
     assert np.array_equal(out[3, :N], np.tile(np.arange(WIDTH), N // WIDTH))
     assert np.array_equal(out[4, :N], np.arange(N) < N - 5)
+
+
+def reader_of_words(number: int):
+    """A kernel that writes down `number` words from each place on: by lanes, then, behind these, one by one."""
+
+    @kernel
+    def read(table, places, out):
+        for i in range(0, N, WIDTH):
+            words = words_at(table, load(places, 0, i), number)
+            for word in range(number):
+                store(out, word, i, words[word])
+        for i in range(N):
+            words = words_at(table, places[0, i], number)
+            for word in range(number):
+                out[number + word, i] = words[word]
+
+    return read
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int32, np.uint32])
+@pytest.mark.parametrize("number", [1, 2, 4, 8, 16, 32])
+def test_words_side_by_side(number, dtype) -> None:
+    """Wherever they begin, and to the last of the table."""
+    generator = np.random.default_rng(number)
+    table = generator.integers(0, 1 << 20, 3 * number + 7).astype(dtype)
+    places = generator.integers(0, len(table) - number + 1, (1, N)).astype(np.uint32)
+    places[0, :2] = 0, len(table) - number
+    out = np.zeros((2 * number, N), dtype)
+    reader_of_words(number)(table, places, out)
+    expected = table[places[0] + np.arange(number)[:, None]]
+    assert np.array_equal(out[:number], expected) and np.array_equal(out[number:], expected)
+
+
+def test_those_are_the_numbers_of_words_that_the_kernels_read(repository) -> None:
+    """A new one has to be tested, too."""
+    found = set()
+    for path in (repository / "engine" / "kernels").rglob("*.py"):
+        for call in ast.walk(ast.parse(path.read_text())):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "words_at":
+                number = call.args[2]
+                found.add(number.value if isinstance(number, ast.Constant) else {"NODE_WORDS": NODE_WORDS}[number.id])
+    assert {2, 4, 8, 16} <= found <= {1, 2, 4, 8, 16, 32}
 
 
 @kernel

@@ -41,6 +41,7 @@ def test_the_largest_picture_that_blender_can_ask_for():
 def test_a_picture_whose_sums_find_no_memory(monkeypatch):
     scene = scenes.plate()
     scene.width, scene.height = 16384, 16000
+    monkeypatch.setattr("engine.memory.available", lambda: np.inf)
     monkeypatch.setattr("engine.film.np", LittleMemory())
     with pytest.raises(LobeError) as found:
         engine.render(scene, Settings(samples=1))
@@ -142,6 +143,46 @@ def test_where_there_is_enough_it_renders(monkeypatch):
         engine.render(scene, Settings(samples=1))
 
 
+ALL_PASSES = tuple(engine.PASSES)
+
+
+@pytest.mark.parametrize(
+    "passes",
+    [(), ("DEPTH",), ("SAMPLE_COUNT",), ("DIFFUSE_DIRECT", "DIFFUSE_INDIRECT"), ("EMISSION", "MIST", "UV"), ALL_PASSES],
+)
+def test_passes_are_foreseen_as_large_as_they_are(passes):
+    """Their sums, their pictures, and as much again for Blender's."""
+    film = Film((0, 0, 7, 5), 1.0, passes)
+    sums = [array for array in (film.passes.parts, film.passes.data) if array.size > 1] if passes else []
+    pictures = film.pass_pictures().values()
+    taken = sum(array.nbytes for array in sums) + 2 * sum(picture.nbytes for picture in pictures)
+    assert memory.bytes_a_pixel(passes) == taken / 35
+
+
+def test_passes_count_before_there_is_a_film(monkeypatch):
+    """The memory that suffices for a picture without passes is too little with them, which takes none to see."""
+    scene, passes, made = scenes.plate(), ALL_PASSES, []
+    need = float(sum(memory.need_of(scene, scene.meshes, 0).values()))
+    monkeypatch.setattr("engine.memory.available", lambda: need)
+    monkeypatch.setattr("engine.schedule.Film", lambda *_: made.append(1))
+    with pytest.raises(LobeError, match=f"of it for {len(passes)} passes of {scene.width} x {scene.height} pixels, "):
+        engine.render(scene, Settings(samples=1, passes=passes))
+    assert not made
+
+
+def test_surfaces_and_passes_are_counted_together(monkeypatch):
+    """Where each of them has room, and both have not."""
+    scene = scenes.plate()
+    scene.add_instance(grid(60))
+    with_passes = sum(memory.need_of(scene, scene.meshes, 0, ALL_PASSES).values())
+    without = sum(memory.need_of(scene, scene.meshes, 0).values())
+    film = sum(memory.need_of_film(scene, ALL_PASSES).values())
+    assert max(without, film) < with_passes - 1
+    monkeypatch.setattr("engine.memory.available", lambda: with_passes - 1.0)
+    with pytest.raises(LobeError, match="not enough memory"):
+        engine.render(scene, Settings(samples=1, passes=ALL_PASSES))
+
+
 def test_memory_that_runs_out_all_the_same_is_named(monkeypatch):
     monkeypatch.setattr("engine.pack.pack_geometry", lambda *_: np.empty(1 << 57))
     with pytest.raises(LobeError) as found:
@@ -222,6 +263,27 @@ def test_a_container_may_have_less(tmp_path):
     assert memory._control_group(tmp_path) == 2e6
     (tmp_path / "memory.stat").write_text("anon 7\ninactive_file 500000\nodd\n")
     assert memory._control_group(tmp_path) == 2.5e6
+    stat = "active_file 400000\ninactive_file 500000\nfile_mapped {}\nslab_reclaimable 20000\nslab_unreclaimable 9\n"
+    (tmp_path / "memory.stat").write_text(stat.format(300000))
+    assert memory._control_group(tmp_path) == 2.62e6
+    (tmp_path / "memory.stat").write_text(stat.format(2000000))  # shared memory, which is mapped and no copy of a file
+    assert memory._control_group(tmp_path) == 2.02e6
     (tmp_path / "memory.max").write_text("max\n")
     assert memory._control_group(tmp_path) == np.inf
     assert memory._control_group(tmp_path / "none") == np.inf
+
+
+@pytest.mark.parametrize(
+    ("most", "used", "there"),
+    [("700000", "200000", 5e5), ("max", "200000", 8.192e6), ("9000000", "0", 8.192e6), ("10", "20", 0), ("0", "0", 0)],
+)
+def test_a_container_swaps_as_much_as_it_may_and_as_there_is(tmp_path, monkeypatch, most, used, there):
+    (tmp_path / "meminfo").write_text("MemAvailable: 100000 kB\nSwapFree: 8000 kB\n")
+    monkeypatch.setattr(memory, "MEMORY", tmp_path / "meminfo")
+    (tmp_path / "memory.max").write_text("5000000\n")
+    (tmp_path / "memory.current").write_text("3000000\n")
+    assert memory._control_group(tmp_path) == 2e6  # without a word about swap space
+    (tmp_path / "memory.swap.max").write_text(most)
+    (tmp_path / "memory.swap.current").write_text(used)
+    assert memory._control_group(tmp_path) == 2e6 + there
+    assert memory._linux() == 1024 * 108000

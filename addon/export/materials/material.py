@@ -65,6 +65,10 @@ class MaterialTable:
         self._known: dict[tuple[int, bool], int] = {(0, False): 0}
         self._kept = kept or {}
 
+    def draws_default(self, holdout: bool) -> bool:
+        """Whether surfaces without a material of their own, on a holdout or not, show the default one."""
+        return self._override is None and not holdout
+
     def index(self, material, holdout: bool = False) -> int:
         """Of a bpy material, None for none, on an object that may be a holdout."""
         material = self._override or material
@@ -116,7 +120,7 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
     def texture(_evaluator, slot: Slot) -> np.ndarray:
         return average_color(slot, images, note)
 
-    walk = Walk(Evaluator(note, texture, NEAREST, stop.check), notes.warn_scene)
+    walk = Walk(Evaluator(note, texture, NEAREST, stop.check))
     surface = walk.surface(Slot(find_input(output, "Surface")))
     ks, exponent = merge_lobes(surface.lobes, note)
     note_material(material, bool(surface.transparency.max() > 0.0), notes)

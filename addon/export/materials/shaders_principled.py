@@ -75,7 +75,7 @@ def principled(walk: Walk, slot: Slot) -> Surface:
     ks = metallic * share * mean_metal(base, np.minimum(tint, 1.0)) + (1.0 - metallic) * reflect
     kd = (1.0 - metallic) * (1.0 - transmission) * (1.0 - reflect) * unlimited
     if alpha * (1.0 - metallic) * reflect.max() > 0.0:
-        walk.note_scene(FIXED_GLOSS)
+        walk.note(FIXED_GLOSS)
 
     through = np.zeros(3)
     if transmission > 0.0 and metallic < 1.0:

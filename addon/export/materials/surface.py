@@ -61,14 +61,10 @@ def shader_node(*names: str):
 
 
 class Walk:
-    """Turns the shader sockets of one tree into surfaces; `values` evaluates the other sockets.
+    """Turns the shader sockets of one tree into surfaces; `values` evaluates the other sockets."""
 
-    note_scene  called with what holds for the whole picture, however many materials it is true of
-    """
-
-    def __init__(self, values: Evaluator, note_scene: Callable[[str], None] = lambda sentence: None) -> None:
+    def __init__(self, values: Evaluator) -> None:
         self.values = values
-        self.note_scene = note_scene
         self._known = Memo(NOTHING, values.check)
 
     def note(self, sentence: str) -> None:
