@@ -12,7 +12,7 @@ import pytest
 from engine import Settings
 from tools.lobe_blender import MODULE
 
-from .export_checks import new_material
+from .export_checks import new_material, node_tree
 
 
 class Layout:
@@ -41,6 +41,8 @@ class Layout:
 
     def template_node_view(self, tree, node, socket) -> None:
         self.shown.append(("node view", node.bl_idname))
+        assert socket.node == node and socket.name == "Surface"
+        self.shown.append(("node", node.name))
 
     def prop(self, owner, name: str, **_) -> None:
         assert name in owner.bl_rna.properties, f"{owner} has no property {name}"
@@ -118,9 +120,9 @@ def test_panels_hide_from_other_engines(classes) -> None:
 
 
 def test_blenders_own_panels_join_in() -> None:
-    for name in ("EEVEE_MATERIAL_PT_surface", "EEVEE_WORLD_PT_surface", "DATA_PT_camera_dof", "DATA_PT_lens"):
+    for name in ("EEVEE_MATERIAL_PT_context_material", "MATERIAL_PT_preview", "DATA_PT_camera_dof", "DATA_PT_lens"):
         assert "LOBE" in getattr(bpy.types, name).COMPAT_ENGINES, name
-    for name in ("RENDER_PT_simplify", "DATA_PT_light", "VIEWLAYER_PT_freestyle"):
+    for name in ("RENDER_PT_simplify", "DATA_PT_light", "VIEWLAYER_PT_freestyle", "EEVEE_MATERIAL_PT_surface"):
         assert "LOBE" not in getattr(bpy.types, name).COMPAT_ENGINES, name
 
 
@@ -162,6 +164,42 @@ def test_world_and_view_layer(classes) -> None:
     panels = [find(classes, f"LOBE_VIEWLAYER_PT_{kind}") for kind in ("filter", "override")]
     shown = {name for panel in panels for _, name in draw(panel, context)}
     assert {"use_sky", "use_solid", "material_override"} <= shown
+
+
+@pytest.mark.parametrize("kind", ["mist", "ambient_occlusion"])
+def test_what_a_pass_takes_from_the_world(classes, kind: str) -> None:
+    panel = find(classes, f"LOBE_WORLD_PT_{kind}")
+    context = fake_context(world=bpy.data.worlds.new("World"))
+    assert not panel.poll(context)
+    setattr(context.scene.view_layers.new("Other"), f"use_pass_{kind}", True)
+    assert panel.poll(context) and not panel.poll(fake_context())
+    shown = {"mist": {"start", "depth", "falloff"}, "ambient_occlusion": {"distance"}}[kind]
+    assert {name for _, name in draw(panel, context)} == shown
+
+
+def test_the_pass_index_of_a_material(classes) -> None:
+    panel = find(classes, "LOBE_MATERIAL_PT_settings")
+    context = fake_context(material=bpy.data.materials.new("M"))
+    assert panel.poll(context) and draw(panel, context) == [("Material", "pass_index")]
+
+
+@pytest.mark.parametrize("kind", ["Material", "World"])
+def test_the_surface_that_is_rendered_is_shown(classes, kind: str) -> None:
+    datablock = getattr(bpy.data, f"{kind.lower()}s").new("Shown")
+    panel = find(classes, f"LOBE_{kind.upper()}_PT_surface")
+    context = fake_context(**{kind.lower(): datablock})
+    tree = node_tree(datablock)
+    tree.nodes.clear()
+    assert panel.poll(context) and "No output node" in texts(panel, context)
+    for target in ("EEVEE", "CYCLES"):
+        node = tree.nodes.new(f"ShaderNodeOutput{kind}")
+        node.name, node.target = f"For {target}", target
+        tree.nodes["For EEVEE"].is_active_output = True
+        assert ("node", f"For {target}") in draw(panel, context)
+    if bpy.app.version < (5, 0):
+        datablock.use_nodes = False
+        assert ("node view", node.bl_idname) not in draw(panel, context)
+        assert (kind, {"Material": "diffuse_color", "World": "color"}[kind]) in draw(panel, context)
 
 
 def test_the_nodes_of_a_lamp(classes) -> None:
@@ -244,13 +282,17 @@ def test_use_phong_keeps_what_is_drawn(classes) -> None:
 def test_phong_quick_settings(classes, glossy) -> None:
     material, _ = glossy
     context = fake_context(material=material)
+    phong_node = sys.modules[f"{MODULE}.addon.ui.material_panels"].phong_node
     panel = find(classes, "LOBE_MATERIAL_PT_phong")
     assert draw(panel, context) == [("operator", "lobe.use_phong")]
     with bpy.context.temp_override(material=material):
         bpy.ops.lobe.use_phong()
         assert not bpy.ops.lobe.use_phong.poll()
-    assert [name for _, name in draw(panel, context)] == ["default_value"] * 3
+    assert draw(panel, context) == []  # the panel above has them
     assert "Gives back up to 50% of the light, as sharp as roughness 0.5" in texts(panel, context)
+    tree = material.node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeRGB").outputs[0], phong_node(material).inputs["kd"])
+    assert "Other nodes tell" in texts(panel, context)
 
 
 def test_sampling_presets(tmp_path) -> None:
