@@ -139,8 +139,7 @@ class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        kinds = {"MESH", "CURVE", "SURFACE", "FONT", "META", "LIGHT"}
-        return context.object is not None and context.object.type in kinds and super().poll(context)
+        return context.object is not None and is_or_places_visible(context.object) and super().poll(context)
 
     def draw(self, context):
         column = self.column()
@@ -149,6 +148,13 @@ class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):
         column.prop(context.object, "visible_glossy", text="Glossy")
         if context.object.type != "LIGHT":
             column.prop(context.object, "visible_shadow", text="Shadow")
+
+
+def is_or_places_visible(object_) -> bool:
+    """An empty's flags hold for the collection that it places, too."""
+    if object_.instance_type == "COLLECTION" and object_.instance_collection is not None:
+        return True
+    return object_.type in {"MESH", "CURVE", "SURFACE", "FONT", "META", "LIGHT"}
 
 
 CLASSES = (

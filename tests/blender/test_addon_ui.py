@@ -113,6 +113,17 @@ def test_ray_visibility_of_meshes_and_lamps(classes) -> None:
     }  # fmt: skip
 
 
+def test_ray_visibility_of_what_places_a_collection(classes) -> None:
+    panel = next(c for c in classes if c.__name__ == "LOBE_OBJECT_PT_ray_visibility")
+    context = fake_context(object=bpy.data.objects.new("Empty", None))
+    context.object.instance_type = "COLLECTION"
+    assert not panel.poll(context)
+    context.object.instance_collection = bpy.data.collections.new("Placed")
+    assert panel.poll(context) and ("Object", "visible_shadow") in draw(panel, context)
+    context.object.instance_type = "NONE"
+    assert not panel.poll(context)
+
+
 def test_panels_hide_from_other_engines(classes) -> None:
     context = fake_context()
     context.engine = "CYCLES"
