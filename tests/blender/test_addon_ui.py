@@ -67,6 +67,7 @@ def draw(cls: type, context) -> list[tuple[str, str]]:
 def fake_context(**values) -> SimpleNamespace:
     context = SimpleNamespace(scene=bpy.context.scene, engine="LOBE", view_layer=bpy.context.view_layer, region=None)
     context.preferences, context.window_manager = bpy.context.preferences, bpy.context.window_manager
+    context.evaluated_depsgraph_get = bpy.context.evaluated_depsgraph_get
     context.light = context.object = context.world = context.material = None
     context.__dict__.update(values)
     return context
