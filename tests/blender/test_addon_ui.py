@@ -39,6 +39,9 @@ class Layout:
         self.shown.append(("operator", name))
         return SimpleNamespace()
 
+    def popover(self, panel: str, **_) -> None:
+        self.shown.append(("popover", panel))
+
     def template_node_view(self, tree, node, socket) -> None:
         self.shown.append(("node view", node.bl_idname))
         assert socket.node == node and socket.name == "Surface"
@@ -307,30 +310,70 @@ def test_phong_quick_settings(classes, glossy) -> None:
     assert "Other nodes tell" in texts(panel, context)
 
 
-def test_sampling_presets(tmp_path) -> None:
-    lobe = bpy.context.scene.lobe
-    folders = bpy.utils.preset_paths("lobe/sampling")
-    files = [file for folder in folders for file in sorted(Path(folder).glob("*.py"))]
-    assert {"Draft", "Default", "Good", "Adaptive"} <= {file.stem for file in files}
-    for file in files:
-        lobe.samples, lobe.seed = 3, 5
-        assert bpy.ops.script.execute_preset(filepath=str(file), menu_idname="LOBE_PT_sampling_presets") == {"FINISHED"}
-        assert lobe.samples != 3 and lobe.seed == 5, file
-        if file.stem == "Default":
-            assert (lobe.samples, lobe.use_adaptive_sampling) == (Settings().samples, Settings().use_adaptive_sampling)
+def of_preset(name: str) -> tuple:
+    """The group that a value in a preset belongs to, and the property: "lobe.samples"."""
+    owner, _, key = name.partition(".")
+    return getattr(bpy.context.scene, owner), key
 
 
-def test_a_preset_of_ones_own() -> None:
-    lobe = bpy.context.scene.lobe
-    lobe.samples = 77
-    assert bpy.ops.lobe.sampling_preset_add(name="Mine") == {"FINISHED"}
-    (file,) = [f for folder in bpy.utils.preset_paths("lobe/sampling") for f in Path(folder).glob("[Mm]ine.py")]
+def another(owner, key: str):
+    """A value of a property that isn't its default."""
+    rna = owner.bl_rna.properties[key]
+    if rna.type == "ENUM":
+        return next(item.identifier for item in rna.enum_items if item.identifier != rna.default)
+    return not rna.default if rna.type == "BOOLEAN" else rna.default + (0.25 if rna.type == "FLOAT" else 3)
+
+
+PRESETS = {
+    "sampling": {"Draft", "Default", "Good", "Adaptive"},
+    "viewport_sampling": {"Draft", "Default", "Fine"},
+    "light_paths": {"Default", "Direct_Light", "Bright_Closed_Rooms", "Without_Bright_Specks", "Cycles_Default"},
+    "performance": {"Default", "Animation"},
+}
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_presets(kind: str) -> None:
+    """Each of ours sets all that a preset of its kind holds, as one of the user's own does; Default is the defaults."""
+    menu = f"LOBE_PT_{kind}_presets"
+    added = getattr(sys.modules[f"{MODULE}.addon.ui.presets"], f"LOBE_OT_{kind}_preset_add").preset_values
+    files = {f.stem: f for folder in bpy.utils.preset_paths(f"lobe/{kind}") for f in Path(folder).glob("*.py")}
+    assert PRESETS[kind] <= set(files)
+    for name in PRESETS[kind]:
+        values = [line.partition(" = ")[0] for line in files[name].read_text().splitlines()[4:]]
+        assert sorted(values) == sorted(added), name
+        for value in values:
+            setattr(*of_preset(value), another(*of_preset(value)))
+        assert bpy.ops.script.execute_preset(filepath=str(files[name]), menu_idname=menu) == {"FINISHED"}
+        if name == "Default":
+            for owner, key in map(of_preset, values):
+                assert getattr(owner, key) == pytest.approx(owner.bl_rna.properties[key].default), key
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_a_preset_of_ones_own(kind: str) -> None:
+    values = getattr(sys.modules[f"{MODULE}.addon.ui.presets"], f"LOBE_OT_{kind}_preset_add").preset_values
+    for value in values:
+        setattr(*of_preset(value), another(*of_preset(value)))
+    assert getattr(bpy.ops.lobe, f"{kind}_preset_add")(name="Mine") == {"FINISHED"}
+    (file,) = [f for folder in bpy.utils.preset_paths(f"lobe/{kind}") for f in Path(folder).glob("[Mm]ine.py")]
     try:
-        lobe.samples = 1
-        bpy.ops.script.execute_preset(filepath=str(file), menu_idname="LOBE_PT_sampling_presets")
-        assert lobe.samples == 77
+        for owner, key in map(of_preset, values):
+            owner.property_unset(key)
+        bpy.ops.script.execute_preset(filepath=str(file), menu_idname=f"LOBE_PT_{kind}_presets")
+        for owner, key in map(of_preset, values):
+            assert getattr(owner, key) == pytest.approx(another(owner, key)), key
     finally:
         file.unlink()
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_presets_hang_in_a_panels_header(classes, kind: str) -> None:
+    layout = Layout()
+    for cls in classes:
+        if "draw_header_preset" in cls.__dict__:
+            cls.draw_header_preset(SimpleNamespace(layout=layout), fake_context())
+    assert layout.shown.count(("popover", f"LOBE_PT_{kind}_presets")) == 1
 
 
 def test_the_comparison(classes) -> None:
