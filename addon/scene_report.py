@@ -20,7 +20,7 @@ HEADINGS = {
     WARNING: "Not drawn as asked",
     SKIPPED: "Left out, which changes nothing",
 }
-NAMES_A_LINE = 8
+NAMES_A_LINE = 8  # of the command line; the text has all
 REDRAW_INTERVAL = 0.5  # seconds
 
 _SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) '([^']*)': (.*)", re.DOTALL)
@@ -67,15 +67,18 @@ def is_honoured(report: Report) -> bool:
     return not report.of_level(ERROR, WARNING)
 
 
-def lines(report: Report) -> list[str]:
-    """For the command line: a heading for each level, a line for each group with its number and some of the names."""
+def lines(report: Report, names_a_line: int | None = NAMES_A_LINE) -> list[str]:
+    """A heading for each level, a line for each group with its number and some of the names; None: with all."""
     if not report.groups:
         return [HONOURED]
     text = [HONOURED] if is_honoured(report) else []
     for level, heading in HEADINGS.items():
         groups = report.of_level(level)
         text += [f"{heading}:"] if groups else []
-        text += [f"{len(group.names) or '-':>7}  {group.kind or 'scene':<10}  {_described(group)}" for group in groups]
+        text += [
+            f"{len(group.names) or '-':>7}  {group.kind or 'scene':<10}  {_described(group, names_a_line)}"
+            for group in groups
+        ]
     return text
 
 
@@ -88,9 +91,9 @@ def sentence(group: Group) -> str:
     return f"{group.kind} {names}" + (f" and {more} more" if more > 0 else "") + f": {group.what}"
 
 
-def _described(group: Group) -> str:
-    names = ", ".join(group.names[:NAMES_A_LINE])
-    more = len(group.names) - NAMES_A_LINE
+def _described(group: Group, names_a_line: int | None) -> str:
+    names = ", ".join(group.names[:names_a_line])
+    more = len(group.names) - (len(group.names) if names_a_line is None else names_a_line)
     return group.what + (f": {names}" if names else "") + (f" and {more} more" if more > 0 else "")
 
 

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import bpy
 
-from . import compare_panel, compat, data_panels, material_panels, passes_panels, presets, render_panels, report_panel
+from . import (
+    compare_panel,
+    compat,
+    data_panels,
+    material_panels,
+    passes_panels,
+    presets,
+    render_panels,
+    report_panel,
+    world_panels,
+)
 
 _CLASSES = (
     *presets.CLASSES,
@@ -13,6 +23,7 @@ _CLASSES = (
     *compare_panel.CLASSES,
     *passes_panels.CLASSES,
     *data_panels.CLASSES,
+    *world_panels.CLASSES,
     *material_panels.CLASSES,
 )
 

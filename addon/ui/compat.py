@@ -33,8 +33,6 @@ _INCLUDE = {
     "DATA_PT_camera_dof",
     "DATA_PT_camera_dof_aperture",
     "EEVEE_MATERIAL_PT_context_material",
-    "EEVEE_MATERIAL_PT_surface",
-    "EEVEE_WORLD_PT_surface",
     "MATERIAL_PT_preview",
 }
 

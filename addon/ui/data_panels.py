@@ -1,4 +1,4 @@
-"""Panels of the data that every engine shows in its own way: lamps, the world, view layers, and which rays see what.
+"""Panels of the data that every engine shows in its own way: lamps, view layers, and which rays see what.
 
 They show what Lobe honours, and nothing else; the properties are Blender's own.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import bpy
 
+from .nodes import draw_surface
 from .panel import LobePanel
 from .text import draw_text
 
@@ -100,33 +101,11 @@ class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
 
     def draw(self, context):
         light = context.light
-        self.layout.use_property_split = True
         if not (ALWAYS_NODES or light.use_nodes) or light.node_tree is None:
             self.layout.active = False
             draw_text(self.layout, context, "The color above is the whole light")
             return
-        output = light.node_tree.get_output_node("CYCLES")
-        if output is None:
-            self.layout.label(text="No output node")
-        else:
-            self.layout.template_node_view(light.node_tree, output, output.inputs["Surface"])
-
-
-class LOBE_WORLD_PT_ray_visibility(LobePanel, bpy.types.Panel):
-    """Blender itself has no such thing of a world: Lobe honours what Cycles brings, where it is enabled."""
-
-    bl_label = "Ray Visibility"
-    bl_context = "world"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return hasattr(context.world, "cycles_visibility") and super().poll(context)
-
-    def draw(self, context):
-        column = self.column()
-        for name in ("camera", "diffuse", "glossy"):
-            column.prop(context.world.cycles_visibility, name)
+        draw_surface(self.layout, light.node_tree, "ShaderNodeOutputLight")
 
 
 class LOBE_VIEWLAYER_PT_filter(LobePanel, bpy.types.Panel):
@@ -160,8 +139,7 @@ class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        kinds = {"MESH", "CURVE", "SURFACE", "FONT", "META", "LIGHT"}
-        return context.object is not None and context.object.type in kinds and super().poll(context)
+        return context.object is not None and is_or_places_visible(context.object) and super().poll(context)
 
     def draw(self, context):
         column = self.column()
@@ -172,11 +150,17 @@ class LOBE_OBJECT_PT_ray_visibility(LobePanel, bpy.types.Panel):
             column.prop(context.object, "visible_shadow", text="Shadow")
 
 
+def is_or_places_visible(object_) -> bool:
+    """An empty's flags hold for the collection that it places, too."""
+    if object_.instance_type == "COLLECTION" and object_.instance_collection is not None:
+        return True
+    return object_.type in {"MESH", "CURVE", "SURFACE", "FONT", "META", "LIGHT"}
+
+
 CLASSES = (
     LOBE_LIGHT_PT_light,
     LOBE_LIGHT_PT_beam_shape,
     LOBE_LIGHT_PT_nodes,
-    LOBE_WORLD_PT_ray_visibility,
     LOBE_VIEWLAYER_PT_filter,
     LOBE_VIEWLAYER_PT_override,
     LOBE_OBJECT_PT_ray_visibility,

@@ -11,9 +11,11 @@ from ..export.notes import Notes
 from ..export.stop import Stop
 from ..export.units import exponent_to_roughness
 from ..phong_group import phong_group
+from .nodes import draw_surface
 from .panel import LobePanel
 from .text import draw_text
 
+ALWAYS_NODES = bpy.app.version >= (5, 0)  # from then on the property only warns
 INPUTS = ("kd", "ks", "exponent")
 SHINY = 1e-5  # of a reflectance, an emission or a transparency that is worth a node
 
@@ -82,26 +84,37 @@ class _MaterialPanel(LobePanel):
         return material is not None and material.grease_pencil is None and super().poll(context)
 
 
+class LOBE_MATERIAL_PT_surface(_MaterialPanel, bpy.types.Panel):
+    bl_label = "Surface"
+
+    def draw(self, context):
+        material = context.material
+        if uses_nodes(material):
+            draw_surface(self.layout, material.node_tree, "ShaderNodeOutputMaterial")
+            return
+        if not ALWAYS_NODES:
+            self.layout.prop(material, "use_nodes", icon="NODETREE")
+        self.column().prop(material, "diffuse_color", text="Color")
+
+
 class LOBE_MATERIAL_PT_phong(_MaterialPanel, bpy.types.Panel):
+    """What a Phong surface's numbers, which stand above, amount to; or how to get one."""
+
     bl_label = "Phong"
+    bl_parent_id = "LOBE_MATERIAL_PT_surface"
 
     def draw(self, context):
         node = phong_node(context.material)
         if node is None:
             self.layout.operator(LOBE_OT_use_phong.bl_idname)
             return
-        column = self.column()
-        for name in INPUTS:
-            socket = node.inputs[name]
-            row = column.row()
-            row.enabled = not socket.is_linked
-            row.prop(socket, "default_value", text=name if not socket.is_linked else f"{name} (linked)")
-        if not any(node.inputs[name].is_linked for name in INPUTS):
-            kd, ks, exponent = (node.inputs[name].default_value for name in INPUTS)
-            back = max(kd[channel] + ks[channel] for channel in range(3))
-            roughness = exponent_to_roughness(exponent)
-            text = f"Gives back up to {back:.0%} of the light, as sharp as roughness {roughness:.2g}"
-            draw_text(self.layout, context, text, "ERROR" if back > 1.0 + 1e-6 else "INFO")
+        if any(node.inputs[name].is_linked for name in INPUTS):
+            self.layout.label(text="Other nodes tell how much it reflects", icon="INFO")
+            return
+        kd, ks, exponent = (node.inputs[name].default_value for name in INPUTS)
+        back = max(kd[channel] + ks[channel] for channel in range(3))
+        text = f"Gives back up to {back:.0%} of the light, as sharp as roughness {exponent_to_roughness(exponent):.2g}"
+        draw_text(self.layout, context, text, "ERROR" if back > 1.0 + 1e-6 else "INFO")
 
 
 class LOBE_MATERIAL_PT_understood(_MaterialPanel, bpy.types.Panel):
@@ -201,7 +214,21 @@ def use_phong(tree, drawn) -> None:
     tree.links.new(parts[0], output.inputs["Surface"])
 
 
-CLASSES = (LOBE_OT_use_phong, LOBE_MATERIAL_PT_phong, LOBE_MATERIAL_PT_understood)
+class LOBE_MATERIAL_PT_settings(_MaterialPanel, bpy.types.Panel):
+    bl_label = "Settings"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        self.column().prop(context.material, "pass_index")
+
+
+CLASSES = (
+    LOBE_OT_use_phong,
+    LOBE_MATERIAL_PT_surface,
+    LOBE_MATERIAL_PT_phong,
+    LOBE_MATERIAL_PT_understood,
+    LOBE_MATERIAL_PT_settings,
+)
 
 
 def register() -> None:

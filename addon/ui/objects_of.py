@@ -1,8 +1,10 @@
-"""From the names in a scene report to the objects of a view layer that can be selected."""
+"""From the names in a scene report to the objects of a view layer that can be selected: those that have it themselves,
+and those that place or make what has it, through a collection, particles or geometry nodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 
 import bpy
 
@@ -10,46 +12,97 @@ from ..export.notes import Group
 
 SELECTABLE = ("camera", "light", "object", "material", "image")
 
-
-def objects_of(view_layer, group: Group) -> list[bpy.types.Object]:
-    """The objects that a group is about, in the view layer's order.
-
-    Of those that it only holds as instances, what instances them.
-    """
-    wanted = _wanted(group)
-    if wanted is None:
-        return []
-    direct = [object_ for object_ in view_layer.objects if wanted(object_)]
-    if group.kind in ("material", "image"):
-        missing = None
-    else:
-        missing = set(group.names) - {object_.name for object_ in direct}
-    instancers = [o for o in view_layer.objects if o not in direct and _instances_any(o, wanted, missing)]
-    return direct + instancers
+# What an object is looked up by: ("object", its name), ("material", a name with the library's), ("light", the same).
+Key = tuple[str, str]
 
 
-def _wanted(group: Group) -> Callable | None:
+def objects_of(view_layer, depsgraph, groups: Sequence[Group]) -> list[list[bpy.types.Object]]:
+    """The objects that each group is about, in the view layer's order. Where an object that is named is in no place of
+    its own, what places it counts."""
+    index = _index(groups)
+    found = _direct(view_layer, index, len(groups))
+    of_layer = set(view_layer.objects)
+    own = {("object", object_.name) for object_ in of_layer}
+    for owner, keys in (*_of_collections(view_layer, index), *_of_evaluated(depsgraph, index)):
+        for number in _numbers(index, keys - own) if owner in of_layer else ():
+            found[number].add(owner)
+    return [[object_ for object_ in view_layer.objects if object_ in of_group] for of_group in found]
+
+
+def selectable(view_layer, depsgraph, groups: Sequence[Group]) -> list[bool]:
+    """Which groups have such objects. Instances, of which there may be millions, are looked at for the rest alone."""
+    direct = _direct(view_layer, _index(groups), len(groups))
+    has = [bool(of_group) for of_group in direct]
+    rest = [number for number, group in enumerate(groups) if not has[number] and group.kind in SELECTABLE]
+    if rest:
+        for number, of_group in zip(rest, objects_of(view_layer, depsgraph, [groups[n] for n in rest]), strict=True):
+            has[number] = bool(of_group)
+    return has
+
+
+def _index(groups: Sequence[Group]) -> dict[Key, set[int]]:
+    """Key -> numbers of the groups that it belongs to."""
+    index: dict[Key, set[int]] = {}
+    for number, group in enumerate(groups):
+        for key in _keys_of_group(group):
+            index.setdefault(key, set()).add(number)
+    return index
+
+
+def _keys_of_group(group: Group) -> Iterator[Key]:
     names = set(group.names)
-    if group.kind in ("camera", "light", "object"):
-        return lambda object_: object_.name in names
-    if group.kind == "material":
-        return lambda object_: any(material.name_full in names for material in _materials(object_))
     if group.kind == "image":
-        using = {material for material in bpy.data.materials if _images(material.node_tree) & names}
-        return lambda object_: any(material in using for material in _materials(object_))
-    return None
+        for kind, all_ in (("material", bpy.data.materials), ("light", bpy.data.lights)):
+            yield from ((kind, datablock.name_full) for datablock in all_ if _images(datablock.node_tree) & names)
+    elif group.kind in SELECTABLE:
+        kind = "material" if group.kind == "material" else "object"
+        yield from ((kind, name) for name in names)
 
 
-def _instances_any(object_, wanted: Callable, missing: set[str] | None) -> bool:
-    """missing  names that are looked for; None: whatever is wanted"""
-    collection = object_.instance_collection
-    if object_.instance_type != "COLLECTION" or collection is None or missing == set():
-        return False
-    return any(wanted(inner) and (missing is None or inner.name in missing) for inner in collection.all_objects)
+def _keys(object_) -> set[Key]:
+    keys = {("object", object_.name)}
+    if object_.type == "LIGHT":
+        keys.add(("light", object_.data.name_full))
+    slots = [slot.material for slot in object_.material_slots]  # of an evaluated object without those that nodes set
+    materials = [*slots, *getattr(object_.data, "materials", ())]
+    return keys | {("material", material.name_full) for material in materials if material is not None}
 
 
-def _materials(object_) -> list[bpy.types.Material]:
-    return [slot.material for slot in object_.material_slots if slot.material is not None]
+def _numbers(index: dict[Key, set[int]], keys: set[Key]) -> set[int]:
+    return set().union(*(index[key] for key in keys if key in index))
+
+
+def _direct(view_layer, index: dict[Key, set[int]], count: int) -> list[set[bpy.types.Object]]:
+    """The objects that have it themselves, also those that are hidden in the viewport."""
+    found: list[set[bpy.types.Object]] = [set() for _ in range(count)]
+    for object_ in view_layer.objects:
+        for number in _numbers(index, _keys(object_)):
+            found[number].add(object_)
+    return found
+
+
+def _of_collections(view_layer, index) -> Iterator[tuple[bpy.types.Object, set[Key]]]:
+    """What places collections, hidden or not, with the keys of what is in them."""
+    known: dict[bpy.types.Collection, set[Key]] = {}
+    for object_ in view_layer.objects:
+        placed = object_.instance_collection if object_.instance_type == "COLLECTION" else None
+        if placed is not None and placed not in known:
+            known[placed] = set().union(*map(_keys, placed.all_objects)) & index.keys()
+        if placed is not None and known[placed]:
+            yield object_, known[placed]
+
+
+def _of_evaluated(depsgraph, index) -> Iterator[tuple[bpy.types.Object, set[Key]]]:
+    """What the viewport shows, with the keys that it has after all modifiers."""
+    seen = set()
+    for item in depsgraph.object_instances:
+        object_ = item.object
+        # A duplicate's `object` is a stand-in, at one address for all: the datablocks tell them apart.
+        one = (object_.data, item.instance_object, item.parent) if item.is_instance else object_
+        if one not in seen:
+            seen.add(one)
+            owner = item.parent if item.is_instance and item.parent else object_
+            yield owner.original, _keys(object_) & index.keys()
 
 
 def _images(tree, seen: frozenset = frozenset()) -> set[str]:

@@ -5,7 +5,12 @@ from __future__ import annotations
 import bpy
 
 from .panel import LobePanel
-from .presets import LOBE_PT_sampling_presets
+from .presets import (
+    LOBE_PT_light_paths_presets,
+    LOBE_PT_performance_presets,
+    LOBE_PT_sampling_presets,
+    LOBE_PT_viewport_sampling_presets,
+)
 from .text import draw_text
 
 
@@ -16,9 +21,6 @@ class _Panel(LobePanel):
 class LOBE_RENDER_PT_sampling(_Panel, bpy.types.Panel):
     bl_label = "Sampling"
 
-    def draw_header_preset(self, context):
-        LOBE_PT_sampling_presets.draw_panel_header(self.layout)
-
     def draw(self, context):
         pass
 
@@ -27,6 +29,9 @@ class LOBE_RENDER_PT_sampling_viewport(_Panel, bpy.types.Panel):
     bl_label = "Viewport"
     bl_parent_id = "LOBE_RENDER_PT_sampling"
 
+    def draw_header_preset(self, context):
+        LOBE_PT_viewport_sampling_presets.draw_panel_header(self.layout)
+
     def draw(self, context):
         self.column().prop(context.scene.lobe, "viewport_samples", text="Samples")
 
@@ -34,6 +39,9 @@ class LOBE_RENDER_PT_sampling_viewport(_Panel, bpy.types.Panel):
 class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
     bl_label = "Render"
     bl_parent_id = "LOBE_RENDER_PT_sampling"
+
+    def draw_header_preset(self, context):
+        LOBE_PT_sampling_presets.draw_panel_header(self.layout)
 
     def draw(self, context):
         lobe = context.scene.lobe
@@ -77,6 +85,9 @@ class LOBE_RENDER_PT_sampling_advanced(_Panel, bpy.types.Panel):
 class LOBE_RENDER_PT_light_paths(_Panel, bpy.types.Panel):
     bl_label = "Light Paths"
     bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, context):
+        LOBE_PT_light_paths_presets.draw_panel_header(self.layout)
 
     def draw(self, context):
         pass
@@ -171,6 +182,9 @@ def _draw_simplify(column, render, suffix: str) -> None:
 class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
     bl_label = "Performance"
     bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, context):
+        LOBE_PT_performance_presets.draw_panel_header(self.layout)
 
     def draw(self, context):
         render = context.scene.render

@@ -1,4 +1,4 @@
-"""The Scene Report: what Lobe does not draw as asked, counted, each with a button that selects the objects."""
+"""The Scene Report: what Lobe does not draw as asked, counted, with a button that selects the objects that have it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import bpy
 from .. import scene_report
 from ..check import LOBE_OT_check_scene
 from ..export.notes import ERROR, SKIPPED, WARNING, Group
-from .objects_of import SELECTABLE, objects_of
+from .objects_of import objects_of, selectable
 from .panel import LobePanel
 from .text import draw_text, is_narrower
 
@@ -22,10 +22,12 @@ ICONS = {
     "image": "IMAGE_DATA",
     "library": "LIBRARY_DATA_BROKEN",
 }
-SHOWN = 60  # rows; the command line has no limit
+SHOWN = 60  # rows; the text and the command line have no limit
 BUTTON_WIDTH = 52  # pixels at resolution scale 1, of the button beside a text
 NARROW = 270  # of a region in which the buttons go below the texts
 TOOLTIP_NAMES = 12
+NOTHING = "Nothing in this view layer has or places it: it may have gone since the list was made. Check the scene again"
+TEXT = "Scene Report"
 
 
 class LOBE_OT_select_reported(bpy.types.Operator):
@@ -51,9 +53,12 @@ class LOBE_OT_select_reported(bpy.types.Operator):
 
     def execute(self, context):
         group = _group(context.scene, self.index)
-        objects = objects_of(context.view_layer, group) if group is not None else []
+        if group is None:
+            self.report({"WARNING"}, "The list is a new one: press again")
+            return {"CANCELLED"}
+        (objects,) = objects_of(context.view_layer, context.evaluated_depsgraph_get(), [group])
         if not objects:
-            self.report({"WARNING"}, "None of these is in this view layer any more: check the scene again")
+            self.report({"WARNING"}, NOTHING)
             return {"CANCELLED"}
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
@@ -83,6 +88,46 @@ def _show_slot(object_, group: Group) -> None:
             return
 
 
+class LOBE_OT_report_as_text(bpy.types.Operator):
+    """Write the whole report, with all names, into the text 'Scene Report', which the Text Editor shows"""
+
+    bl_idname = "lobe.report_as_text"
+    bl_label = "Report as Text"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.scene is not None and scene_report.report_of(context.scene) is not None
+
+    def execute(self, context):
+        text = bpy.data.texts.get((TEXT, None)) or bpy.data.texts.new(TEXT)
+        lines = scene_report.lines(scene_report.report_of(context.scene), names_a_line=None)
+        text.from_string("\n".join([f"Scene '{context.scene.name}'", *lines, ""]))
+        for area in context.screen.areas if context.screen is not None else ():
+            if area.type == "TEXT_EDITOR":
+                area.spaces.active.text = text
+        self.report({"INFO"}, f"Lobe: the report is in the text '{text.name}', see the Text Editor")
+        return {"FINISHED"}
+
+
+class _Buttons:
+    """Which groups of a report have objects to select in a view layer: looked up once, panels are drawn often."""
+
+    def __init__(self) -> None:
+        self._report: scene_report.Report | None = None
+        self._layer = 0
+        self._has: list[bool] = []
+
+    def has(self, context, report: scene_report.Report, group: Group) -> bool:
+        layer = context.view_layer.as_pointer()
+        if self._report is not report or self._layer != layer:
+            self._report, self._layer = report, layer
+            self._has = selectable(context.view_layer, context.evaluated_depsgraph_get(), report.groups)
+        return self._has[report.groups.index(group)]
+
+
+_buttons = _Buttons()
+
+
 class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
     bl_label = "Scene Report"
     bl_context = "render"
@@ -96,8 +141,11 @@ class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
 
     def draw(self, context):
         layout = self.layout
-        layout.operator(LOBE_OT_check_scene.bl_idname, icon="VIEWZOOM")
         report = scene_report.report_of(context.scene)
+        row = layout.row(align=True)
+        row.operator(LOBE_OT_check_scene.bl_idname, icon="VIEWZOOM")
+        if report is not None:
+            row.operator(LOBE_OT_report_as_text.bl_idname, text="", icon="TEXT")
         if report is None:
             draw_text(layout, context, "What Lobe would not draw as asked is listed here after a check or a render")
             return
@@ -133,14 +181,14 @@ def _draw_groups(layout, context, report: scene_report.Report, groups: list[Grou
     column = layout.box().column()
     narrow = is_narrower(context, NARROW)
     for group in groups[:SHOWN]:
-        selectable = group.kind in SELECTABLE
+        has_button = _buttons.has(context, report, group)
         row = column.column() if narrow else column.row()
         icon = "CANCEL" if group.level == ERROR else ICONS[group.kind]
         text = group.what[:1].upper() + group.what[1:]
         if group.kind in ("view layer", "world", "library"):
             text = f"{', '.join(group.names)}: {group.what}"
-        draw_text(row, context, text, icon, BUTTON_WIDTH if selectable and not narrow else 0)
-        if selectable:
+        draw_text(row, context, text, icon, BUTTON_WIDTH if has_button and not narrow else 0)
+        if has_button:
             button = row.row()
             button.alignment = "RIGHT"
             select = button.operator(
@@ -148,7 +196,12 @@ def _draw_groups(layout, context, report: scene_report.Report, groups: list[Grou
             )
             select.index = report.groups.index(group)
     if len(groups) > SHOWN:
-        column.label(text=f"and {len(groups) - SHOWN} more: tools/render.py --check lists all of them")
+        column.label(text=f"and {len(groups) - SHOWN} more, see Report as Text above")
 
 
-CLASSES = (LOBE_OT_select_reported, LOBE_RENDER_PT_scene_report, LOBE_RENDER_PT_scene_report_skipped)
+CLASSES = (
+    LOBE_OT_select_reported,
+    LOBE_OT_report_as_text,
+    LOBE_RENDER_PT_scene_report,
+    LOBE_RENDER_PT_scene_report_skipped,
+)

@@ -72,7 +72,7 @@ def test_enabling_twenty_times_leaves_nothing_behind(disabled) -> None:
         assert addon_utils.enable(MODULE) is not None
         enabled = snapshot()
         assert enabled["property"] and enabled["engine"] and "LOBE_RENDER_PT_sampling" in enabled["types"]
-        assert "EEVEE_MATERIAL_PT_surface" in enabled["panels"]
+        assert "EEVEE_MATERIAL_PT_context_material" in enabled["panels"]
         addon_utils.disable(MODULE)
     assert snapshot() == before
 

@@ -12,7 +12,7 @@ import pytest
 from engine import Settings
 from tools.lobe_blender import MODULE
 
-from .export_checks import new_material
+from .export_checks import new_material, node_tree
 
 
 class Layout:
@@ -39,8 +39,13 @@ class Layout:
         self.shown.append(("operator", name))
         return SimpleNamespace()
 
+    def popover(self, panel: str, **_) -> None:
+        self.shown.append(("popover", panel))
+
     def template_node_view(self, tree, node, socket) -> None:
         self.shown.append(("node view", node.bl_idname))
+        assert socket.node == node and socket.name == "Surface"
+        self.shown.append(("node", node.name))
 
     def prop(self, owner, name: str, **_) -> None:
         assert name in owner.bl_rna.properties, f"{owner} has no property {name}"
@@ -65,6 +70,7 @@ def draw(cls: type, context) -> list[tuple[str, str]]:
 def fake_context(**values) -> SimpleNamespace:
     context = SimpleNamespace(scene=bpy.context.scene, engine="LOBE", view_layer=bpy.context.view_layer, region=None)
     context.preferences, context.window_manager = bpy.context.preferences, bpy.context.window_manager
+    context.evaluated_depsgraph_get = bpy.context.evaluated_depsgraph_get
     context.light = context.object = context.world = context.material = None
     context.__dict__.update(values)
     return context
@@ -111,6 +117,17 @@ def test_ray_visibility_of_meshes_and_lamps(classes) -> None:
     }  # fmt: skip
 
 
+def test_ray_visibility_of_what_places_a_collection(classes) -> None:
+    panel = next(c for c in classes if c.__name__ == "LOBE_OBJECT_PT_ray_visibility")
+    context = fake_context(object=bpy.data.objects.new("Empty", None))
+    context.object.instance_type = "COLLECTION"
+    assert not panel.poll(context)
+    context.object.instance_collection = bpy.data.collections.new("Placed")
+    assert panel.poll(context) and ("Object", "visible_shadow") in draw(panel, context)
+    context.object.instance_type = "NONE"
+    assert not panel.poll(context)
+
+
 def test_panels_hide_from_other_engines(classes) -> None:
     context = fake_context()
     context.engine = "CYCLES"
@@ -118,9 +135,9 @@ def test_panels_hide_from_other_engines(classes) -> None:
 
 
 def test_blenders_own_panels_join_in() -> None:
-    for name in ("EEVEE_MATERIAL_PT_surface", "EEVEE_WORLD_PT_surface", "DATA_PT_camera_dof", "DATA_PT_lens"):
+    for name in ("EEVEE_MATERIAL_PT_context_material", "MATERIAL_PT_preview", "DATA_PT_camera_dof", "DATA_PT_lens"):
         assert "LOBE" in getattr(bpy.types, name).COMPAT_ENGINES, name
-    for name in ("RENDER_PT_simplify", "DATA_PT_light", "VIEWLAYER_PT_freestyle"):
+    for name in ("RENDER_PT_simplify", "DATA_PT_light", "VIEWLAYER_PT_freestyle", "EEVEE_MATERIAL_PT_surface"):
         assert "LOBE" not in getattr(bpy.types, name).COMPAT_ENGINES, name
 
 
@@ -162,6 +179,42 @@ def test_world_and_view_layer(classes) -> None:
     panels = [find(classes, f"LOBE_VIEWLAYER_PT_{kind}") for kind in ("filter", "override")]
     shown = {name for panel in panels for _, name in draw(panel, context)}
     assert {"use_sky", "use_solid", "material_override"} <= shown
+
+
+@pytest.mark.parametrize("kind", ["mist", "ambient_occlusion"])
+def test_what_a_pass_takes_from_the_world(classes, kind: str) -> None:
+    panel = find(classes, f"LOBE_WORLD_PT_{kind}")
+    context = fake_context(world=bpy.data.worlds.new("World"))
+    assert not panel.poll(context)
+    setattr(context.scene.view_layers.new("Other"), f"use_pass_{kind}", True)
+    assert panel.poll(context) and not panel.poll(fake_context())
+    shown = {"mist": {"start", "depth", "falloff"}, "ambient_occlusion": {"distance"}}[kind]
+    assert {name for _, name in draw(panel, context)} == shown
+
+
+def test_the_pass_index_of_a_material(classes) -> None:
+    panel = find(classes, "LOBE_MATERIAL_PT_settings")
+    context = fake_context(material=bpy.data.materials.new("M"))
+    assert panel.poll(context) and draw(panel, context) == [("Material", "pass_index")]
+
+
+@pytest.mark.parametrize("kind", ["Material", "World"])
+def test_the_surface_that_is_rendered_is_shown(classes, kind: str) -> None:
+    datablock = getattr(bpy.data, f"{kind.lower()}s").new("Shown")
+    panel = find(classes, f"LOBE_{kind.upper()}_PT_surface")
+    context = fake_context(**{kind.lower(): datablock})
+    tree = node_tree(datablock)
+    tree.nodes.clear()
+    assert panel.poll(context) and "No output node" in texts(panel, context)
+    for target in ("EEVEE", "CYCLES"):
+        node = tree.nodes.new(f"ShaderNodeOutput{kind}")
+        node.name, node.target = f"For {target}", target
+        tree.nodes["For EEVEE"].is_active_output = True
+        assert ("node", f"For {target}") in draw(panel, context)
+    if bpy.app.version < (5, 0):
+        datablock.use_nodes = False
+        assert ("node view", node.bl_idname) not in draw(panel, context)
+        assert (kind, {"Material": "diffuse_color", "World": "color"}[kind]) in draw(panel, context)
 
 
 def test_the_nodes_of_a_lamp(classes) -> None:
@@ -244,39 +297,83 @@ def test_use_phong_keeps_what_is_drawn(classes) -> None:
 def test_phong_quick_settings(classes, glossy) -> None:
     material, _ = glossy
     context = fake_context(material=material)
+    phong_node = sys.modules[f"{MODULE}.addon.ui.material_panels"].phong_node
     panel = find(classes, "LOBE_MATERIAL_PT_phong")
     assert draw(panel, context) == [("operator", "lobe.use_phong")]
     with bpy.context.temp_override(material=material):
         bpy.ops.lobe.use_phong()
         assert not bpy.ops.lobe.use_phong.poll()
-    assert [name for _, name in draw(panel, context)] == ["default_value"] * 3
+    assert draw(panel, context) == []  # the panel above has them
     assert "Gives back up to 50% of the light, as sharp as roughness 0.5" in texts(panel, context)
+    tree = material.node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeRGB").outputs[0], phong_node(material).inputs["kd"])
+    assert "Other nodes tell" in texts(panel, context)
 
 
-def test_sampling_presets(tmp_path) -> None:
-    lobe = bpy.context.scene.lobe
-    folders = bpy.utils.preset_paths("lobe/sampling")
-    files = [file for folder in folders for file in sorted(Path(folder).glob("*.py"))]
-    assert {"Draft", "Default", "Good", "Adaptive"} <= {file.stem for file in files}
-    for file in files:
-        lobe.samples, lobe.seed = 3, 5
-        assert bpy.ops.script.execute_preset(filepath=str(file), menu_idname="LOBE_PT_sampling_presets") == {"FINISHED"}
-        assert lobe.samples != 3 and lobe.seed == 5, file
-        if file.stem == "Default":
-            assert (lobe.samples, lobe.use_adaptive_sampling) == (Settings().samples, Settings().use_adaptive_sampling)
+def of_preset(name: str) -> tuple:
+    """The group that a value in a preset belongs to, and the property: "lobe.samples"."""
+    owner, _, key = name.partition(".")
+    return getattr(bpy.context.scene, owner), key
 
 
-def test_a_preset_of_ones_own() -> None:
-    lobe = bpy.context.scene.lobe
-    lobe.samples = 77
-    assert bpy.ops.lobe.sampling_preset_add(name="Mine") == {"FINISHED"}
-    (file,) = [f for folder in bpy.utils.preset_paths("lobe/sampling") for f in Path(folder).glob("[Mm]ine.py")]
+def another(owner, key: str):
+    """A value of a property that isn't its default."""
+    rna = owner.bl_rna.properties[key]
+    if rna.type == "ENUM":
+        return next(item.identifier for item in rna.enum_items if item.identifier != rna.default)
+    return not rna.default if rna.type == "BOOLEAN" else rna.default + (0.25 if rna.type == "FLOAT" else 3)
+
+
+PRESETS = {
+    "sampling": {"Draft", "Default", "Good", "Adaptive"},
+    "viewport_sampling": {"Draft", "Default", "Fine"},
+    "light_paths": {"Default", "Direct_Light", "Bright_Closed_Rooms", "Without_Bright_Specks", "Cycles_Default"},
+    "performance": {"Default", "Animation"},
+}
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_presets(kind: str) -> None:
+    """Each of ours sets all that a preset of its kind holds, as one of the user's own does; Default is the defaults."""
+    menu = f"LOBE_PT_{kind}_presets"
+    added = getattr(sys.modules[f"{MODULE}.addon.ui.presets"], f"LOBE_OT_{kind}_preset_add").preset_values
+    files = {f.stem: f for folder in bpy.utils.preset_paths(f"lobe/{kind}") for f in Path(folder).glob("*.py")}
+    assert PRESETS[kind] <= set(files)
+    for name in PRESETS[kind]:
+        values = [line.partition(" = ")[0] for line in files[name].read_text().splitlines()[4:]]
+        assert sorted(values) == sorted(added), name
+        for value in values:
+            setattr(*of_preset(value), another(*of_preset(value)))
+        assert bpy.ops.script.execute_preset(filepath=str(files[name]), menu_idname=menu) == {"FINISHED"}
+        if name == "Default":
+            for owner, key in map(of_preset, values):
+                assert getattr(owner, key) == pytest.approx(owner.bl_rna.properties[key].default), key
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_a_preset_of_ones_own(kind: str) -> None:
+    values = getattr(sys.modules[f"{MODULE}.addon.ui.presets"], f"LOBE_OT_{kind}_preset_add").preset_values
+    for value in values:
+        setattr(*of_preset(value), another(*of_preset(value)))
+    assert getattr(bpy.ops.lobe, f"{kind}_preset_add")(name="Mine") == {"FINISHED"}
+    (file,) = [f for folder in bpy.utils.preset_paths(f"lobe/{kind}") for f in Path(folder).glob("[Mm]ine.py")]
     try:
-        lobe.samples = 1
-        bpy.ops.script.execute_preset(filepath=str(file), menu_idname="LOBE_PT_sampling_presets")
-        assert lobe.samples == 77
+        for owner, key in map(of_preset, values):
+            owner.property_unset(key)
+        bpy.ops.script.execute_preset(filepath=str(file), menu_idname=f"LOBE_PT_{kind}_presets")
+        for owner, key in map(of_preset, values):
+            assert getattr(owner, key) == pytest.approx(another(owner, key)), key
     finally:
         file.unlink()
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_presets_hang_in_a_panels_header(classes, kind: str) -> None:
+    layout = Layout()
+    for cls in classes:
+        if "draw_header_preset" in cls.__dict__:
+            cls.draw_header_preset(SimpleNamespace(layout=layout), fake_context())
+    assert layout.shown.count(("popover", f"LOBE_PT_{kind}_presets")) == 1
 
 
 def test_the_comparison(classes) -> None:

@@ -698,12 +698,90 @@ def test_the_button_selects_what_instances_an_object(scene, part, checked) -> No
     assert select(part, "shadow catchers") == {"Instancer"}
 
 
+def set_by_nodes(*kinds: str):
+    """Geometry nodes on the plane: a chain of these, into its output."""
+    group = bpy.data.node_groups.new("Chain", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    last = group.nodes.new("NodeGroupInput").outputs[0]
+    made = [group.nodes.new(kind) for kind in kinds]
+    for node in made:
+        if node.inputs[0].type == "GEOMETRY":
+            group.links.new(last, node.inputs[0])
+        last = node.outputs["Geometry"]
+    group.links.new(last, group.nodes.new("NodeGroupOutput").inputs[0])
+    plane().modifiers.new("Chain", "NODES").node_group = group
+    return made
+
+
+def with_buttons(part) -> set[tuple[str, str]]:
+    """Kind and text of the lines of the report that have a button."""
+    report = part("scene_report").report_of(bpy.context.scene)
+    objects_of = part("ui.objects_of")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    has = objects_of.selectable(bpy.context.view_layer, depsgraph, report.groups)
+    return {(group.kind, group.what) for group, has in zip(report.groups, has, strict=True) if has}
+
+
+def test_the_button_selects_what_nodes_give_a_material(scene, part, checked) -> None:
+    (node,) = set_by_nodes("GeometryNodeSetMaterial")
+    node.inputs["Material"].default_value, _ = new_material("Glass", "ShaderNodeBsdfGlass")
+    checked()
+    assert select(part, "Glass BSDF") == {"Plane"}
+    assert any("Glass BSDF" in what for _, what in with_buttons(part))
+
+
+def test_the_button_selects_what_places_an_object_by_nodes(scene, part, checked) -> None:
+    hidden = bpy.data.objects.new("Placed", plane_mesh(name="Placed"))  # in no collection
+    hidden.is_shadow_catcher = True
+    (node,) = set_by_nodes("GeometryNodeObjectInfo")
+    node.inputs["Object"].default_value, node.inputs["As Instance"].default_value = hidden, True
+    checked()
+    assert select(part, "shadow catchers") == {"Plane"}
+
+
+def test_no_button_where_nothing_can_be_selected(scene, part, checked) -> None:
+    """Objects of the background scene, and the image of the world."""
+    other = bpy.data.scenes.new("Background")
+    scene.background_set = other
+    catcher = bpy.data.objects.new("Catcher", plane_mesh(name="Catcher"))
+    catcher.is_shadow_catcher = True
+    other.collection.objects.link(catcher)
+    nodes = scene.world.node_tree
+    texture = nodes.nodes.new("ShaderNodeTexEnvironment")
+    texture.image = bpy.data.images.new("Sky", 8, 4, tiled=True)
+    texture.image.tiles.new(1002)
+    background = next(node for node in nodes.nodes if node.bl_idname == "ShaderNodeBackground")
+    nodes.links.new(texture.outputs[0], background.inputs["Color"])
+    groups = checked()
+    assert {(group.kind, *group.names) for group in groups} >= {("object", "Catcher"), ("image", "Sky")}
+    assert not with_buttons(part)
+    for index in range(len(groups)):
+        assert bpy.ops.lobe.select_reported(index=index) == {"CANCELLED"}
+    feed("BsdfDiffuse", "ShaderNodeTexImage").image = texture.image
+    checked()
+    assert {kind for kind, _ in with_buttons(part)} == {"image", "material"}
+
+
 def test_the_button_says_when_nothing_is_left(scene, part, checked) -> None:
     plane().is_shadow_catcher = True
     checked()
     bpy.data.objects.remove(plane())
     assert bpy.ops.lobe.select_reported(index=0) == {"CANCELLED"}
     assert bpy.ops.lobe.select_reported(index=99) == {"CANCELLED"}
+
+
+def test_the_report_as_a_text(scene, part, checked) -> None:
+    for number in range(12):
+        glass, _ = new_material(f"Glass {number}", "ShaderNodeBsdfGlass")
+        add_object(f"Pane {number}", plane_mesh()).data.materials.append(glass)
+    checked()
+    for _ in range(2):
+        assert bpy.ops.lobe.report_as_text() == {"FINISHED"}
+    (text,) = bpy.data.texts
+    assert text.name == "Scene Report" and f"Scene '{scene.name}'" in text.as_string()
+    assert all(f"Glass {number}" in text.as_string() for number in range(12))
+    assert "more" not in text.as_string()
 
 
 def test_lines_are_broken_between_words(part) -> None:

@@ -1,0 +1,5 @@
+import bpy
+
+lobe = bpy.context.scene.lobe
+
+lobe.viewport_samples = 64
