@@ -51,7 +51,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
             from .report import start_report
 
             if self.frame_report is None:
-                self.frame_report = start_report()
+                self.frame_report = start_report(self.is_preview)
             session.render(self.frame_report)
 
     def render_frame_finish(self) -> None:
