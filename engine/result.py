@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 
+RENDERING = "rendering"  # the message of the phase that makes samples
+
+
 @dataclass(frozen=True)
 class Progress:
     """A look at a running render. `pixels()` makes the picture so far, shaped as `Result.pixels`, or None."""
@@ -22,6 +25,11 @@ class Progress:
     @property
     def fraction(self) -> float:
         return self.samples / self.total if self.total else 0.0
+
+    @property
+    def is_tracing(self) -> bool:
+        """Whether building and compiling are over."""
+        return self.message == RENDERING
 
 
 @dataclass(frozen=True)
