@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-
 RENDERING = "rendering"  # the message of the phase that makes samples
 
 

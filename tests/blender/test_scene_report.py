@@ -499,8 +499,20 @@ def test_a_crash_is_named_and_not_swallowed(scene, part, checked, monkeypatch, c
         raise ZeroDivisionError("on purpose")
 
     monkeypatch.setattr(part("check"), "export_scene", fail)
-    assert texts(checked(), "ERROR") == ["Lobe failed (ZeroDivisionError: on purpose). This is a bug"]
+    text = "Lobe failed (ZeroDivisionError: on purpose). This is a bug: the console has the details"
+    assert texts(checked(), "ERROR") == [text]
     assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+def test_a_crash_names_its_object_as_a_render_does(scene, part, checked, monkeypatch) -> None:
+    def fail(*_, **__):
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(part("export.instances"), "export_mesh", fail)
+    with pytest.raises(RuntimeError) as caught:
+        bpy.ops.render.render()
+    (text,) = texts(checked(), "ERROR")
+    assert "at object 'Plane'" in text and str(caught.value).strip() == f"Error: {text}"
 
 
 # --- the report -----------------------------------------------------------------------------------------------------
