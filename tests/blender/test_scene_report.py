@@ -515,6 +515,28 @@ def test_a_crash_names_its_object_as_a_render_does(scene, part, checked, monkeyp
     assert "at object 'Plane'" in text and str(caught.value).strip() == f"Error: {text}"
 
 
+QUOTES = ["Bob's lamp", 'The "best" lamp', "Both ' and \"", "C:\\new\\lamp", "\\'", "it's: 'quoted': twice"]
+
+
+@pytest.mark.parametrize("name", QUOTES)
+def test_names_with_quotes_keep_their_row(scene, part, checked, name) -> None:
+    """Of what the export notes and of what the engine raises, as sentences too."""
+    lamp().energy, lamp().specular_factor = -1.0, 0.5
+    bpy.data.objects["Lamp"].name = name
+    groups = [group for group in checked() if group.kind == "light"]
+    assert {group.level for group in groups} == {"ERROR", "SKIPPED"}
+    assert all(group.names == (name,) for group in groups)
+    note = part("export.notes").Note("WARNING", "object", name, "it is 'odd': very")
+    assert part("scene_report").note_from_sentence("WARNING", note.sentence) == note
+
+
+def test_names_with_quotes_are_grouped(part) -> None:
+    Note = part("export.notes").Note
+    notes = [Note("WARNING", "material", str(i), f"image {name!r} is not mapped") for i, name in enumerate(QUOTES)]
+    (group,) = part("export.notes").grouped(notes)
+    assert len(group.names) == len(QUOTES) and group.what == "image '...' is not mapped"
+
+
 # --- the report -----------------------------------------------------------------------------------------------------
 
 
