@@ -219,6 +219,14 @@ NAMED = {
 }  # fmt: skip
 
 
+if V5:
+    NAMED["working space"] = (
+        lambda: bpy.ops.wm.set_working_color_space(working_space="ACEScg"),
+        "the working space ACEScg is not supported: colours are taken for Linear Rec.709",
+        "WARNING",
+    )
+
+
 def makes(name: str):
     """Register a function as the way to make a case that takes more than a line."""
 
