@@ -13,12 +13,12 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..engine import LobeError
 from . import scene_report
 from .export import ExportStopped, Note, Notes, export_scene, export_settings
 from .export.camera import NO_CAMERA
 from .export.notes import ERROR, WARNING
 from .export.scene import note_scene
+from .faults import is_defect, message_of
 from .report import nothing_to_see
 
 
@@ -46,11 +46,10 @@ class _CheckEngine(bpy.types.RenderEngine):
             scene.validate()
         except ExportStopped:
             type(self).stopped = True
-        except LobeError as error:
-            self.found[scene_report.note_from_sentence(ERROR, str(error))] = None
         except Exception as error:
-            traceback.print_exc()
-            self.found[Note(ERROR, "", "", f"Lobe failed ({type(error).__name__}: {error}). This is a bug")] = None
+            if is_defect(error):
+                traceback.print_exc()
+            self.found[scene_report.note_from_sentence(ERROR, message_of(error))] = None
         self.found.update(dict.fromkeys(notes.all))
 
     def render(self, depsgraph) -> None:

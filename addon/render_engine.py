@@ -7,7 +7,7 @@ import weakref
 
 import bpy
 
-from ..engine import LobeError
+from .faults import is_defect, message_of
 
 _viewports: weakref.WeakSet = weakref.WeakSet()  # all that may have threads
 
@@ -51,7 +51,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
             from .report import start_report
 
             if self.frame_report is None:
-                self.frame_report = start_report()
+                self.frame_report = start_report(self.is_preview)
             session.render(self.frame_report)
 
     def render_frame_finish(self) -> None:
@@ -101,13 +101,9 @@ class _reporting:
     def __exit__(self, kind, error, trace) -> bool:
         if error is None or not isinstance(error, Exception):
             return False
-        if isinstance(error, LobeError):
-            message = str(error)
-        else:
+        if is_defect(error):
             traceback.print_exception(kind, error, trace)
-            what = (str(error).splitlines() or [""])[0]  # of a compiler's error the rest is pages
-            place = f" at {error.lobe_place}" if hasattr(error, "lobe_place") else ""
-            message = f"Lobe failed{place} ({kind.__name__}: {what}). This is a bug: the console has the details"
+        message = message_of(error)
         self.engine.failed = True
         if not bpy.app.background:
             self.engine.error_set(message)

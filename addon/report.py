@@ -15,9 +15,11 @@ REJECTED = (
 )
 
 
-def start_report() -> dict:
-    """An empty report for a frame. The one before is forgotten, so that a failed render doesn't show it again."""
-    last_report.clear()
+def start_report(is_preview: bool = False) -> dict:
+    """An empty report for a frame. The one before is forgotten, so that a failed render doesn't show it again; but an
+    icon, which may be drawn right after a render or beside it, leaves it alone."""
+    if not is_preview:
+        last_report.clear()
     return {
         "engine": "LOBE",
         "samples": 0.0,

@@ -6,13 +6,14 @@ Loading a file forgets everything. The panel and `tools/render.py --check` show 
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import bpy
 
-from .export.notes import ERROR, KINDS, SKIPPED, WARNING, Group, Note, grouped
+from .export.notes import ERROR, KINDS, QUOTED, SKIPPED, WARNING, Group, Note, grouped
 
 HONOURED = "Lobe draws everything in this scene as asked"
 HEADINGS = {
@@ -23,7 +24,7 @@ HEADINGS = {
 NAMES_A_LINE = 8  # of the command line; the text has all
 REDRAW_INTERVAL = 0.5  # seconds
 
-_SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) '([^']*)': (.*)", re.DOTALL)
+_SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) ({QUOTED}): (.*)", re.DOTALL)
 
 
 class Report(NamedTuple):
@@ -57,9 +58,12 @@ def report_of(scene) -> Report | None:
 
 
 def note_from_sentence(level: str, sentence: str) -> Note:
-    """The engine's messages are sentences: "light 'Key': its radius is negative"."""
+    """The engine's messages are sentences: "light 'Key': its radius is negative". The name is as Python writes it."""
     found = _SENTENCE.fullmatch(sentence)
-    return Note(level, *found.groups()) if found else Note(level, "", "", sentence)
+    if found is None:
+        return Note(level, "", "", sentence)
+    kind, name, what = found.groups()
+    return Note(level, kind, ast.literal_eval(name), what)
 
 
 def is_honoured(report: Report) -> bool:
@@ -86,7 +90,7 @@ def sentence(group: Group) -> str:
     """All in one line, however many datablocks it is true of."""
     if not group.names:
         return group.what
-    names = ", ".join(f"'{name}'" for name in group.names[:NAMES_A_LINE])
+    names = ", ".join(map(repr, group.names[:NAMES_A_LINE]))
     more = len(group.names) - NAMES_A_LINE
     return f"{group.kind} {names}" + (f" and {more} more" if more > 0 else "") + f": {group.what}"
 

@@ -22,7 +22,8 @@ from .passes import fill_passes, wanted_passes
 from .report import add_layer
 
 TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
-PATIENCE = 0.3  # seconds that a cancelled render is waited for before it is left to end by itself
+PATIENCE = 0.3  # seconds that a cancelled build or compilation is waited for before it is left to end by itself
+KEEPING = 30.0  # the same once it traces: then it only makes its picture and the passes, which are kept
 PREVIEW_SAMPLES = 32  # of the small pictures of materials
 
 # Seconds between two lines about the progress. Without a window each is a line on the console.
@@ -134,6 +135,8 @@ class Session:
             if self.cancelled():
                 # A build or a compilation can't be interrupted: it ends in the background, unseen.
                 worker.stop(PATIENCE)
+                if worker.is_tracing():
+                    worker.stop(KEEPING)
                 break
             now, progress = time.perf_counter(), worker.progress
             if progress is not None and (
@@ -218,6 +221,10 @@ class _Worker:
         self._news.wait(seconds)
         self._news.clear()
         return self._done
+
+    def is_tracing(self) -> bool:
+        """Whether it has got as far as samples: then it ends with a picture, also when it is cancelled."""
+        return self.progress is not None and self.progress.is_tracing
 
     def stop(self, patience: float = 0.0) -> None:
         """Tell it to end, and wait for that for some seconds."""

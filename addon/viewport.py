@@ -17,6 +17,7 @@ import bpy
 from .. import engine as lobe
 from . import draw
 from .export import LiveExport, View, export_view, export_viewport_settings, film_exposure
+from .faults import is_defect, message_of
 
 
 class _Shown(NamedTuple):
@@ -96,12 +97,12 @@ class Viewport:
     def _failure(self) -> str:
         """What the renderer can't do, in words. A defect goes to the console once."""
         error = self._renderer.error
-        if error is None or isinstance(error, lobe.LobeError):
-            return "" if error is None else str(error)
-        if error is not self._told:
+        if error is None:
+            return ""
+        if is_defect(error) and error is not self._told:
             self._told = error
             traceback.print_exception(error)
-        return f"Lobe failed ({type(error).__name__}). This is a bug: the console has the details"
+        return message_of(error)
 
     def _status(self, picture: lobe.Picture | None, view: View) -> tuple[str, str]:
         message = self._renderer.message

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable
 
 from .elsewhere import compile_elsewhere
-from .errors import LobeError, SceneError, SettingsError
+from .errors import LobeError, SceneError, SettingsError, told_of_memory
 from .interactive import Interactive
 from .passes import PASSES
 from .prepared import Prepared
@@ -87,12 +87,8 @@ def render(
     Raises SceneError or SettingsError for what cannot be rendered. Without Numba the reference road steps in, and the
     result says so.
     """
-    try:
+    with told_of_memory():
         return _render(scene, settings, progress, stop, prepared)
-    except MemoryError as error:
-        from .memory import ADVICE
-
-        raise LobeError(f"not enough memory to render this scene: {ADVICE}") from error
 
 
 def _render(scene: Scene, settings: Settings, progress, stop, prepared: Prepared | None) -> Result:

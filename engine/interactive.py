@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .errors import LobeError
+from .errors import LobeError, told_of_memory
 from .result import Picture
 from .scene import Scene
 from .settings import Settings
@@ -79,9 +79,10 @@ class Interactive:
             try:
                 if live is None:
                     live = _start(self._halt_pass, self._halt_build, self._say)
-                for picture in live.pictures(job.scene, job.settings):
-                    if self._publish(picture):
-                        break
+                with told_of_memory():
+                    for picture in live.pictures(job.scene, job.settings):
+                        if self._publish(picture):
+                            break
             except Exception as error:  # for the caller's thread, which can tell the user
                 if not self._closed:
                     self.error = error

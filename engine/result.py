@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+RENDERING = "rendering"  # the message of the phase that makes samples
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -22,6 +24,11 @@ class Progress:
     @property
     def fraction(self) -> float:
         return self.samples / self.total if self.total else 0.0
+
+    @property
+    def is_tracing(self) -> bool:
+        """Whether building and compiling are over."""
+        return self.message == RENDERING
 
 
 @dataclass(frozen=True)

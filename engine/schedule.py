@@ -37,7 +37,7 @@ from .pack import Packed, pack
 from .pack.again import pack_next
 from .passes import LIGHT
 from .prepared import Prepared
-from .result import Progress, Result
+from .result import RENDERING, Progress, Result
 from .scene import Camera, Scene
 from .settings import Settings
 
@@ -72,6 +72,7 @@ class _Watch:
     def show(self, film: Film) -> None:
         """From now on the film's picture and the remaining time are told."""
         self.film, self.render_start = film, time.perf_counter()
+        self.tell(RENDERING, force=True)  # who cancels from now on gets a picture, and may wait for it
 
     @property
     def deadline(self) -> float:
@@ -196,7 +197,7 @@ class _Render:
         adaptive = AdaptiveSampling(self.film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
         for first, count in schedule(settings.samples):
             self._one_pass(packed, adaptive, first, count)
-            watch.tell("rendering", force=first == 0)
+            watch.tell(RENDERING, force=first == 0)
             watch.ask()  # a pass may be over before anybody asked
             if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
                 return
@@ -206,7 +207,7 @@ class _Render:
         tiles = Shared(tiles_of(self.film.region, count))
         futures = [self.pool.submit(self._work, packed, adaptive, tiles, first, count) for _ in range(self.threads)]
         try:
-            self.watch.wait_for(futures, lambda _: "rendering")
+            self.watch.wait_for(futures, lambda _: RENDERING)
         finally:
             # All threads have to be out of the kernel before anything that they read can go.
             self.halt[0] = any(not future.done() for future in futures)

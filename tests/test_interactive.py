@@ -18,7 +18,7 @@ import scenes
 
 import engine.live as live
 import engine.pack.again as again
-from engine import Interactive, Material, Picture, Prepared, Scene, SceneError, Settings, World, render
+from engine import Interactive, LobeError, Material, Picture, Prepared, Scene, SceneError, Settings, World, render
 from engine.kernels.camera import pack_camera
 from engine.pack import Packed, pack
 from engine.pack.again import pack_again, pack_next
@@ -268,6 +268,22 @@ def test_what_cannot_be_rendered_is_told_and_over_with_the_next_change(watcher):
     assert watcher.interactive.error is None
     with pytest.raises(SceneError, match="no camera"):
         watcher.show(replace(scene, camera=None))
+
+
+@pytest.mark.parametrize("place", ["pack_again", "Film", "render_tiles"])
+def test_too_little_memory_is_told_as_by_a_render(watcher, monkeypatch, place):
+    scene = room()
+    watcher.show(scene)
+
+    def too_much(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(live, place, too_much)
+    with pytest.raises(LobeError, match="not enough memory to render this scene: close other programs"):
+        watcher.show(with_material(scene, kd=(0.5, 0.0, 0.0)))
+    monkeypatch.undo()
+    changed = with_material(scene, kd=(0.0, 0.5, 0.0))
+    assert np.array_equal(watcher.show(changed).pixels, render(changed, QUICK).pixels)
 
 
 def test_parts_that_were_checked_are_not_checked_again_but_others_are(watcher):

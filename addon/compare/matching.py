@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import bpy
 
 from .. import scene_report
@@ -35,6 +37,7 @@ def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
     if scene.camera is None:
         raise CompareError("the scene has no camera")
     lobe, render = scene.lobe, scene.render
+    _quiet_viewports(keeper)
     if seconds:
         keeper.put(lobe, "samples", UNLIMITED)
     keeper.put(lobe, "time_limit", seconds)
@@ -58,6 +61,28 @@ def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
         for key in LOBES_OWN
         if lobe.is_property_set(key) and getattr(lobe, key) != lobe.bl_rna.properties[key].default
     ]
+
+
+def _quiet_viewports(keeper: Keeper) -> None:
+    """Viewports in Rendered mode would take time from the renders: they are Solid for the while. They are told by
+    their address, which stays for as long as there is such a space."""
+    rendered = {space.as_pointer() for space in _spaces() if space.shading.type == "RENDERED"}
+    for space in _spaces():
+        if space.as_pointer() in rendered:
+            space.shading.type = "SOLID"
+
+    def undo() -> None:
+        for space in _spaces():
+            if space.as_pointer() in rendered and space.shading.type == "SOLID":
+                space.shading.type = "RENDERED"
+
+    keeper.at_end(undo)
+
+
+def _spaces() -> Iterator[bpy.types.SpaceView3D]:
+    """Of all windows, the 3D viewports."""
+    for window in bpy.context.window_manager.windows:
+        yield from (area.spaces.active for area in window.screen.areas if area.type == "VIEW_3D")
 
 
 def _passes(scene) -> list[str]:

@@ -89,7 +89,7 @@ class Images:
 
     def problem(self, node) -> str:
         """Why a node's image can't be shown: "image 'a.png' is missing"."""
-        return f"image '{node.image.name}' {self._problems.get(self._key(node), 'has no pixels')}"
+        return f"image {node.image.name!r} {self._problems.get(self._key(node), 'has no pixels')}"
 
     def _key(self, node) -> tuple:
         if node.image is None:

@@ -253,7 +253,7 @@ class Placement:
         for system in object_.particle_systems:
             settings = system.settings
             if settings.type == "HAIR" and settings.render_type == "PATH":
-                what = f"hair of particle system '{system.name}' is not supported and left out"
+                what = f"hair of particle system {system.name!r} is not supported and left out"
                 self._notes.warn("object", object_.name, what)
 
 

@@ -16,8 +16,11 @@ ERROR, WARNING, SKIPPED = LEVELS = ("ERROR", "WARNING", "SKIPPED")
 # Of datablocks, in the order of the report; "" is what holds for the scene as a whole.
 KINDS = ("", "view layer", "camera", "world", "light", "object", "material", "image", "library")
 
+# A name as Python writes it: with an apostrophe in it, between double quotes.
+QUOTED = r"""(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")"""
+
 # Names inside of a text, without which many notes say the same.
-_NAMED = re.compile(r"\b(image|node group|particle system) '[^']*'")
+_NAMED = re.compile(rf"\b(image|node group|particle system) {QUOTED}")
 
 
 class Note(NamedTuple):
@@ -30,7 +33,7 @@ class Note(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        return f"{self.kind} '{self.name}': {self.what}" if self.kind else self.what
+        return f"{self.kind} {self.name!r}: {self.what}" if self.kind else self.what
 
 
 class Group(NamedTuple):

@@ -22,6 +22,8 @@ NO_WISH = {"use_pass_combined", "use_pass_cryptomatte_accurate"}
 # Exponents of Blender's mist, see Cycles' blender/sync.cpp.
 MIST_FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
 
+WORKING_SPACE = "Linear Rec.709"
+
 
 def export_scene(
     depsgraph, stop: Callable[[], bool] | None = None, notes: Notes | None = None, kept: Kept | None = None
@@ -51,6 +53,7 @@ def export_scene(
     kept.placed(materials)
     world = kept.world(depsgraph, notes)
     note_libraries(notes)
+    note_working_space(notes)
     note_scene(render, notes)
     note_cycles_scene(scene, notes)
     note_passes(view_layer, notes)
@@ -90,6 +93,13 @@ def note_libraries(notes: Notes) -> None:
         held_here = library.packed_file is not None or getattr(library, "is_archive", False)
         if not held_here and not os.path.isfile(path):
             notes.warn("library", library.filepath, "it is missing, and so is what is linked from it")
+
+
+def note_working_space(notes: Notes) -> None:
+    """From Blender 5.0 on a file has one; all conversions of colours here are to the default."""
+    space = getattr(getattr(bpy.data, "colorspace", None), "working_space", WORKING_SPACE)
+    if space != WORKING_SPACE:
+        notes.warn_scene(f"the working space {space} is not supported: colours are taken for {WORKING_SPACE}")
 
 
 def note_scene(render, notes: Notes) -> None:

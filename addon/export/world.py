@@ -113,7 +113,7 @@ class Environment:
         if node.bl_idname != "ShaderNodeTexEnvironment" or node.projection != "EQUIRECTANGULAR":
             return self._average(node, pixels, "is not an equirectangular environment")
         if node.interpolation != "Linear":
-            kind = f"interpolation '{node.interpolation}' of image '{node.image.name}'"
+            kind = f"interpolation '{node.interpolation}' of image {node.image.name!r}"
             self._note(f"{kind} is not supported, drawn as 'Linear'")
         rotation = self._rotation(evaluator, slot)
         if self._shape is None:
@@ -123,7 +123,7 @@ class Environment:
         return pixels
 
     def _average(self, node, pixels: np.ndarray, why: str) -> np.ndarray:
-        self._note(f"image '{node.image.name}' {why}, its average colour is drawn")
+        self._note(f"image {node.image.name!r} {why}, its average colour is drawn")
         return np.nan_to_num(pixels, posinf=0.0, neginf=0.0).mean(axis=(0, 1), dtype=np.float64)
 
     def _rotation(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..result import Progress, Result
+from ..result import RENDERING, Progress, Result
 from ..scene import Scene
 from ..settings import Settings
 from .camera import camera_rays, filter_offsets
@@ -59,6 +59,7 @@ def render_reference(
     report(0, "building")
     integrator = Integrator(scene, settings)
     built = time.perf_counter()
+    report(0, RENDERING)
 
     done, stopped = 0, False
     while done < total:
@@ -79,7 +80,7 @@ def render_reference(
         np.add.at(alpha, pixel, found[1])
         np.add.at(count, pixel, 1)
         done += len(pixel)
-        report(done, "rendering")
+        report(done, RENDERING)
         if 0 < settings.time_limit < time.perf_counter() - begin and done >= pixels:
             break
 

@@ -9,6 +9,7 @@ import importlib
 import json
 import threading
 import time
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -312,6 +313,22 @@ def test_a_bug_is_named_and_traced(simple_scene, session, monkeypatch, capfd) ->
     text = "Lobe failed (ZeroDivisionError: on purpose). This is a bug: the console has the details"
     assert message_of() == f"Error: {text}"
     assert "ZeroDivisionError: on purpose" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("is_preview", [True, False])
+def test_an_icon_leaves_the_report_of_the_last_render_alone(report, is_preview: bool) -> None:
+    """As Blender calls an engine; the bpy module draws no icons."""
+    engine_type = importlib.import_module(f"{MODULE}.addon.render_engine").LobeRenderEngine
+    reports = []
+    engine_object = SimpleNamespace(
+        session=SimpleNamespace(render=reports.append), frame_report=None, failed=False, is_preview=is_preview
+    )
+    report["samples"] = 7.0
+    engine_type.render(engine_object, None)
+    if is_preview:
+        engine_type.render_frame_finish(engine_object)
+    assert reports[0]["samples"] == 0.0
+    assert report == ({"samples": 7.0} if is_preview else {})
 
 
 def test_a_failed_frame_does_not_spoil_the_next(simple_scene, fake, session, rendered, monkeypatch) -> None:

@@ -164,6 +164,30 @@ def test_equal_time(scene) -> None:
     assert (scene.lobe.samples, scene.lobe.time_limit, scene.cycles.time_limit) == (4, 0.0, 0.0)
 
 
+def viewports() -> list:
+    """The shading of all 3D viewports, also without a window."""
+    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
+    return [area.spaces.active.shading for area in areas if area.type == "VIEW_3D"]
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_viewports_do_not_render_beside_it(stopped: bool) -> None:
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.lobe.samples = scene.render.resolution_x = scene.render.resolution_y = 8
+    shadings = viewports()
+    assert shadings
+    shadings[0].type = "RENDERED"
+    steps = compare.Comparison(scene, bpy.context.view_layer).steps()
+    operators.render_now(next(steps))
+    assert [shading.type for shading in viewports()] == ["SOLID"] * len(shadings)
+    if not stopped:
+        for step in steps:
+            operators.render_now(step)
+    steps.close()
+    assert viewports()[0].type == "RENDERED"
+
+
 def test_what_cannot_be_matched_is_listed(scene) -> None:
     scene.render.use_motion_blur = True
     scene.lobe.hemisphere_sampling = "UNIFORM"

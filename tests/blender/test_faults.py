@@ -124,6 +124,60 @@ def test_escape_in_any_phase(scene, rendered, report, escape, monkeypatch, capfd
     assert threads() == []
 
 
+@pytest.mark.parametrize("persistent", [False, True])
+def test_escape_waits_for_a_picture_that_takes_long_to_make(
+    scene, rendered, report, session, escape, monkeypatch, persistent: bool
+) -> None:
+    """As a large one does, and passes."""
+    film, shown = importlib.import_module(f"{MODULE}.engine.film").Film, []
+    whole, fill = film.pass_pictures, session._Picture.fill
+
+    def slow(self):
+        time.sleep(4 * session.PATIENCE)
+        return whole(self)
+
+    def noted(self, passes, *more):
+        shown.append(passes)
+        fill(self, passes, *more)
+
+    monkeypatch.setattr(film, "pass_pictures", slow)
+    monkeypatch.setattr(session._Picture, "fill", noted)
+    scene.render.use_persistent_data = persistent
+    scene.view_layers[0].use_pass_normal = scene.view_layers[0].use_pass_z = True
+    scene.lobe.samples = 1 << 20
+    escape("render")
+    pixels = rendered(scene)
+    assert report["stopped"] and 0 < report["samples"] < 1 << 20
+    assert pixels[..., :3].min() > 0
+    assert set(shown[0]) == {"NORMAL", "DEPTH"}
+
+
+def test_escape_in_a_large_film_keeps_it(scene, rendered, report, escape) -> None:
+    scene.render.resolution_x, scene.render.resolution_y = 2560, 1440
+    for box in ("z", "normal", "position", "uv", "diffuse_direct", "diffuse_color", "emit", "environment"):
+        setattr(scene.view_layers[0], f"use_pass_{box}", True)
+    scene.lobe.samples = 1 << 20
+    escape("render")
+    pixels = rendered(scene)
+    assert report["stopped"] and pixels[..., :3].max() > 0
+
+
+def test_escape_gives_up_a_build_that_takes_long(scene, report, session, monkeypatch) -> None:
+    schedule = importlib.import_module(f"{MODULE}.engine.schedule")
+    whole, begun, end = schedule.pack_next, threading.Event(), threading.Event()
+
+    def endless(*arguments):
+        begun.set()
+        assert end.wait(60.0)
+        return whole(*arguments)
+
+    monkeypatch.setattr(schedule, "pack_next", endless)
+    monkeypatch.setattr(session.Session, "cancelled", lambda self: begun.is_set())
+    bpy.ops.render.render()
+    assert not end.is_set() and report["stopped"] and report["samples"] == 0
+    end.set()
+
+
 # --- defects and memory -----------------------------------------------------------------------------------------
 
 EXPORTS = {

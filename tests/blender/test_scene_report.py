@@ -252,6 +252,11 @@ NO_MATERIAL = "without a material it is drawn as a diffuse surface, in Cycles wi
 if V5:  # before that Cycles does the same
     NAMED["no material"] = (lambda: plane().data.materials.clear(), NO_MATERIAL, "WARNING")
     NAMED["an empty slot"] = (lambda: empty_slot(), NO_MATERIAL, "WARNING")
+    NAMED["working space"] = (
+        lambda: bpy.ops.wm.set_working_color_space(working_space="ACEScg"),
+        "the working space ACEScg is not supported: colours are taken for Linear Rec.709",
+        "WARNING",
+    )
 
 
 def empty_slot():
@@ -595,8 +600,42 @@ def test_a_crash_is_named_and_not_swallowed(scene, part, checked, monkeypatch, c
         raise ZeroDivisionError("on purpose")
 
     monkeypatch.setattr(part("check"), "export_scene", fail)
-    assert texts(checked(), "ERROR") == ["Lobe failed (ZeroDivisionError: on purpose). This is a bug"]
+    text = "Lobe failed (ZeroDivisionError: on purpose). This is a bug: the console has the details"
+    assert texts(checked(), "ERROR") == [text]
     assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+def test_a_crash_names_its_object_as_a_render_does(scene, part, checked, monkeypatch) -> None:
+    def fail(*_, **__):
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(part("export.instances"), "export_mesh", fail)
+    with pytest.raises(RuntimeError) as caught:
+        bpy.ops.render.render()
+    (text,) = texts(checked(), "ERROR")
+    assert "at object 'Plane'" in text and str(caught.value).strip() == f"Error: {text}"
+
+
+QUOTES = ["Bob's lamp", 'The "best" lamp', "Both ' and \"", "C:\\new\\lamp", "\\'", "it's: 'quoted': twice"]
+
+
+@pytest.mark.parametrize("name", QUOTES)
+def test_names_with_quotes_keep_their_row(scene, part, checked, name) -> None:
+    """Of what the export notes and of what the engine raises, as sentences too."""
+    lamp().energy, lamp().specular_factor = -1.0, 0.5
+    bpy.data.objects["Lamp"].name = name
+    groups = [group for group in checked() if group.kind == "light"]
+    assert {group.level for group in groups} == {"ERROR", "SKIPPED"}
+    assert all(group.names == (name,) for group in groups)
+    note = part("export.notes").Note("WARNING", "object", name, "it is 'odd': very")
+    assert part("scene_report").note_from_sentence("WARNING", note.sentence) == note
+
+
+def test_names_with_quotes_are_grouped(part) -> None:
+    Note = part("export.notes").Note
+    notes = [Note("WARNING", "material", str(i), f"image {name!r} is not mapped") for i, name in enumerate(QUOTES)]
+    (group,) = part("export.notes").grouped(notes)
+    assert len(group.names) == len(QUOTES) and group.what == "image '...' is not mapped"
 
 
 # --- the report -----------------------------------------------------------------------------------------------------

@@ -160,13 +160,13 @@ def average_color(slot: Slot, images: Images, note) -> np.ndarray:
         note(f"{why}, drawn magenta")
         mean = np.array([*MISSING, 1.0])
     else:
-        note(f"image '{image.name}' is not mapped, its average colour is drawn")
+        note(f"image {image.name!r} is not mapped, its average colour is drawn")
     color, alpha = mean[:3], mean[3:]
     if mean[3] < 1.0 and image.alpha_mode == "NONE":
         alpha = np.ones(1)
     elif mean[3] < 1.0 and darkened_by_alpha(slot.node):
         color = color * alpha
-        note(f"image '{image.name}' has alpha that is not linked: its colour is drawn times its average alpha")
+        note(f"image {image.name!r} has alpha that is not linked: its colour is drawn times its average alpha")
     return alpha if slot.socket.identifier == "Alpha" else color
 
 

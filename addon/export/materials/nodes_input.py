@@ -28,7 +28,7 @@ def wavelength(evaluator: Evaluator, slot: Slot) -> np.ndarray:
 @value_node("ShaderNodeGroup")
 def group(evaluator: Evaluator, slot: Slot) -> np.ndarray:
     """Only groups without an output end here: `source` walks through all others."""
-    evaluator.note(f"node group '{slot.node.name}' has no output, which counts as black")
+    evaluator.note(f"node group {slot.node.name!r} has no output, which counts as black")
     return np.zeros(3)
 
 

@@ -56,7 +56,7 @@ def mix(walk: Walk, slot: Slot) -> Surface:
 def group(walk: Walk, slot: Slot) -> Surface:
     """Only `Phong BSDF` and groups without an output end here: `source` walks through all others."""
     if not is_phong_group(slot.node):
-        walk.note(f"node group '{slot.node.name}' has no output, drawn black")
+        walk.note(f"node group {slot.node.name!r} has no output, drawn black")
         return NOTHING
     exponent = walk.number(slot, "exponent")  # A negative one is refused by the engine, with the material's name.
     return Surface(diffuse=walk.color(slot, "kd"), lobes=((walk.color(slot, "ks"), exponent),))

@@ -1,0 +1,19 @@
+"""What went wrong, in words for the user: the same after F12, in a check and in a viewport."""
+
+from __future__ import annotations
+
+from ..engine import LobeError
+
+
+def is_defect(error: BaseException) -> bool:
+    """Whether it is Lobe that is at fault, so that the console should have the whole of it."""
+    return not isinstance(error, LobeError)
+
+
+def message_of(error: BaseException) -> str:
+    """With what it happened at, where the export knows that (see `export/faults.py`)."""
+    if not is_defect(error):
+        return str(error)
+    what = (str(error).splitlines() or [""])[0]  # of a compiler's error the rest is pages
+    place = f" at {error.lobe_place}" if hasattr(error, "lobe_place") else ""
+    return f"Lobe failed{place} ({type(error).__name__}: {what}). This is a bug: the console has the details"
