@@ -156,7 +156,7 @@ class Live:
     def _pack(self, scene: Scene, settings: Settings) -> Packed:
         if self._packed is not None:
             return pack_again(self._packed, scene, settings, self._halt_build)
-        for load in small_functions(scene):
+        for load in small_functions(scene, self._halt_build):
             load()
         return pack(scene, settings, self._halt_build)
 

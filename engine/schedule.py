@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,7 @@ TILES = 64  # at least, also in small pictures, as long as they fill a batch of 
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
+TREE_BUILDER = {"function": "builder of light trees"}  # in place of a `_name`
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
@@ -182,7 +183,7 @@ class _Render:
     def _load_small_ones(self) -> None:
         """Compiled functions that packing needs."""
         self.watch.tell("building", force=True)
-        for function in small_functions(self.scene):
+        for function in small_functions(self.scene, self.halt):
             self._do(compiling, function)
 
     def _build(self) -> Packed:
@@ -284,13 +285,13 @@ def _seen_first(features: Features) -> Features:
     return Features(**{name: getattr(features, name) for name in names})
 
 
-def small_functions(scene: Scene) -> Iterator[Callable]:
-    """What loads or compiles the functions that packing the scene needs."""
+def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[Callable]:
+    """What loads or compiles the functions that packing the scene needs. halt: see `get_kernel`."""
     yield build_monitor
     if scene.lights:
         yield lamp_filter
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
-        yield load_builder
+        yield partial(_get_builder, halt)
 
 
 def compiling(seconds: float) -> str:
@@ -357,6 +358,11 @@ def get_kernel(packed: Packed, settings: Settings, halt: np.ndarray) -> None:
     load_kernel(packed, settings)
 
 
+def _get_builder(halt: np.ndarray) -> None:
+    elsewhere.compiled(TREE_BUILDER, _cache(), lambda: bool(halt[0]))
+    precompile_one(TREE_BUILDER)
+
+
 def load_kernel(packed: Packed, settings: Settings) -> None:
     """A tile without pixels makes Numba compile the kernel or read it from disk."""
     limits = _limits(packed.features, settings)
@@ -395,7 +401,11 @@ def _no_garbage_collection():
 
 
 def precompile_one(name: dict[str, Any]) -> None:
-    """Compile the kernels of this `_name` into the disk cache."""
+    """Have the kernels of this `_name` in the disk cache, or the function that builds light trees."""
+    if name == TREE_BUILDER:
+        load_builder()
+        elsewhere.mark(name, _cache())
+        return
     settings = Settings(passes=("DEPTH",) if name["first_hits"] else ())
     packed = pack(Scene(camera=Camera()), settings)
     packed.features = Features(**name["features"])
@@ -409,7 +419,6 @@ def precompile_common() -> None:
     so that any other scene takes a second or two to compile, where the very first takes some twelve.
     """
     from .features import CONSTANT_WORLD, DISK, ELLIPSE, IMAGE_WORLD, POINT, SPHERE, SPOT
-    from .lighttree import build_light_tree
 
     glossy = Features(phong=1, smooth=1)
     lamp_lit = glossy._replace(lamp_kinds=DISK, lamp_shapes=1, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD)
@@ -438,4 +447,4 @@ def precompile_common() -> None:
     for features in common:
         packed.features = features
         load_kernel(packed, Settings())
-    build_light_tree(np.zeros((3, 6)), np.eye(3), np.zeros(3), np.ones(3), np.ones(3), np.ones(3, np.bool_))
+    precompile_one(TREE_BUILDER)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from engine import elsewhere
@@ -78,3 +80,12 @@ def test_a_render_marks_the_kernel_by_the_name_that_compiles_it(tmp_path: Path, 
     schedule.precompile_one(asked)
     assert asked == marked == names[-1]
     assert asked["first_hits"] and not jit.lost_cache()
+
+
+def test_the_builder_of_light_trees_is_compiled_by_its_name_too(started: Path, tmp_path: Path, monkeypatch) -> None:
+    from engine import schedule
+
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    schedule._get_builder(np.zeros(1, np.uint8))
+    schedule._get_builder(np.zeros(1, np.uint8))
+    assert [json.loads(line) for line in started.read_text().splitlines()] == [schedule.TREE_BUILDER]
