@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import bpy
 import pytest
 
 from engine import Settings
+from engine.adaptive import MIN_SAMPLES
 from tools.lobe_blender import MODULE
 
 from .export_checks import new_material, node_tree
@@ -38,6 +40,9 @@ class Layout:
         getattr(getattr(bpy.ops, group), rest).get_rna_type()  # raises where there is none
         self.shown.append(("operator", name))
         return SimpleNamespace()
+
+    def template_preview(self, datablock) -> None:
+        self.shown.append(("preview", datablock.bl_rna.identifier))
 
     def popover(self, panel: str, **_) -> None:
         self.shown.append(("popover", panel))
@@ -144,12 +149,44 @@ def test_blenders_own_panels_join_in() -> None:
 # --- every tab ------------------------------------------------------------------------------------------------------
 
 
-def test_tooltips_tell_the_cost() -> None:
+# Of each property: what its tooltip says of its unit, and of its cost in time or noise.
+TOLD = {
+    "samples": ("paths traced for each pixel", "time grows in proportion"),
+    "viewport_samples": ("paths traced for each pixel", "then it rests and takes no time"),
+    "seed": ("which random numbers", "costs no time"),
+    "time_limit": ("seconds", "keeps the noise of the samples that it got"),
+    "use_adaptive_sampling": (f"before {MIN_SAMPLES} samples", "saves time"),
+    "adaptive_threshold": (f"no unit.*before {MIN_SAMPLES} samples", "four times as long"),
+    "use_denoising": ("", "takes some seconds and a gigabyte"),
+    "max_bounces": ("surfaces", "each bounce costs up to as much time as the one before"),
+    "diffuse_bounces": ("how many of the bounces", "fewer take less time"),
+    "glossy_bounces": ("how many of the bounces", "fewer take less time"),
+    "clamp_direct": (r"in w/\(m² sr\)", "costs no time"),
+    "clamp_indirect": (r"in w/\(m² sr\)", "costs no time"),
+    "hemisphere_sampling": ("", "the noise is not.*twice the noise.*slower"),
+    "lobe_selection": ("", "the noise is not.*less noise"),
+    "pixel_filter": ("", "costs no time"),
+    "filter_width": ("in pixels", "costs no time"),
+    "road": ("", "some hundred times slower"),
+    "denoising_data": ("", "the time of one more ray for each sample"),
+    "pass_sample_count": ("how many samples", "takes no time"),
+    "kd": ("0 to 1", "costs no time"),
+    "ks": ("0 to 1", "takes a little more time"),
+    "exponent": ("without unit", "costs no time"),
+}
+
+
+def test_tooltips_tell_unit_and_cost() -> None:
+    told = {}
     for prop in (*bpy.context.scene.lobe.bl_rna.properties, *bpy.context.view_layer.lobe.bl_rna.properties):
-        if prop.identifier in ("rna_type", "name"):
-            continue
-        told = " ".join([prop.description, *(item.description for item in getattr(prop, "enum_items", ()))]).lower()
-        assert any(word in told for word in ("time", "long", "slow", "noise", "seconds")), prop.identifier
+        items = (item.description for item in getattr(prop, "enum_items", ()))
+        told[prop.identifier] = " ".join([prop.description, *items])
+    sockets = sys.modules[f"{MODULE}.addon.phong_group"].phong_group().interface.items_tree
+    told |= {socket.name: socket.description for socket in sockets if socket.in_out == "INPUT"}
+    assert set(told) - {"rna_type", "name"} == set(TOLD)
+    for name, (unit, cost) in TOLD.items():
+        assert re.search(unit, told[name].lower()), f"{name}: {told[name]}"
+        assert re.search(cost, told[name].lower()), f"{name}: {told[name]}"
 
 
 def test_engine_neutral_panels_appear_and_what_is_ignored_does_not(classes) -> None:
@@ -190,6 +227,17 @@ def test_what_a_pass_takes_from_the_world(classes, kind: str) -> None:
     assert panel.poll(context) and not panel.poll(fake_context())
     shown = {"mist": {"start", "depth", "falloff"}, "ambient_occlusion": {"distance"}}[kind]
     assert {name for _, name in draw(panel, context)} == shown
+
+
+def test_previews(classes) -> None:
+    world, light = bpy.data.worlds.new("World"), bpy.data.lights.new("Lamp", "AREA")
+    for name, context, shown in (
+        ("LOBE_WORLD_PT_preview", fake_context(world=world), "World"),
+        ("LOBE_LIGHT_PT_preview", fake_context(light=light), "AreaLight"),
+    ):
+        panel = find(classes, name)
+        assert panel.poll(context) and not panel.poll(fake_context())
+        assert draw(panel, context) == [("preview", shown)]
 
 
 def test_the_pass_index_of_a_material(classes) -> None:
