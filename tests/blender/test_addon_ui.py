@@ -327,11 +327,52 @@ def test_a_material_without_a_remark(classes) -> None:
     assert "Every node of it is honoured" in shown
 
 
+def test_images_are_read_by_a_timer_and_once(classes, monkeypatch) -> None:
+    """Drawing the panel reads none; what was read holds until that image changes."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    read: list[str] = []
+    whole = module.KeptAverages._read
+    monkeypatch.setattr(
+        module.KeptAverages, "_read", lambda self, n, *rest: read.append(n.image.name) or whole(self, n)
+    )
+    panel = find(classes, "LOBE_MATERIAL_PT_understood")
+    contexts = {}
+    for name, level in (("One", 0.25), ("Two", 0.75)):
+        material, node = new_material(name, "ShaderNodeBsdfDiffuse")
+        image = bpy.data.images.new(name, 4, 4, float_buffer=True)
+        image.pixels = [level, level, level, 1.0] * 16
+        texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+        texture.image = image
+        material.node_tree.links.new(texture.outputs[0], node.inputs["Color"])
+        contexts[name] = fake_context(material=material)
+        object_ = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+        object_.data.materials.append(material)
+        bpy.context.scene.collection.objects.link(object_)
+    bpy.context.view_layer.update()
+    assert all("Reading its images" in texts(panel, context) for context in contexts.values()) and not read
+    assert bpy.app.timers.is_registered(module._read)
+    module._read()
+    assert "Diffuse kd 0.25" in texts(panel, contexts["One"]) and "Diffuse kd 0.75" in texts(panel, contexts["Two"])
+    assert sorted(read) == ["One", "Two"]
+
+    contexts["One"].material.roughness = 0.3  # another property of it
+    bpy.context.view_layer.update()
+    bpy.context.scene.frame_set(7)
+    assert "Diffuse kd 0.25" in texts(panel, contexts["One"]) and len(read) == 2
+    bpy.data.images["One"].pixels = [0.5, 0.5, 0.5, 1.0] * 16
+    bpy.data.images["One"].update_tag()
+    bpy.context.view_layer.update()
+    assert "Reading its images" in texts(panel, contexts["One"])
+    assert "Diffuse kd 0.75" in texts(panel, contexts["Two"])
+    module._read()
+    assert "Diffuse kd 0.5" in texts(panel, contexts["One"]) and read[2:] == ["One"]
+
+
 def test_use_phong_keeps_what_is_drawn(classes) -> None:
     material, node = new_material("M", "ShaderNodeBsdfPrincipled", Base_Color=(0.5, 0.4, 0.3, 1), Alpha=0.75)
     node.inputs["Emission Color"].default_value = (1, 0.5, 0, 1)
     node.inputs["Emission Strength"].default_value = 4.0
-    understood = sys.modules[f"{MODULE}.addon.ui.material_panels"]._understood
+    understood = sys.modules[f"{MODULE}.addon.ui.understood"].understood
     before, _ = understood.of(material)
     with bpy.context.temp_override(material=material):
         assert bpy.ops.lobe.use_phong() == {"FINISHED"}
