@@ -11,7 +11,7 @@ from .nodes import draw_surface
 from .panel import LobePanel
 from .text import draw_text
 
-ALWAYS_NODES = bpy.app.version >= (5, 2)  # lamps: from then on the property only warns
+ALWAYS_NODES = bpy.app.version >= (5, 1)  # lamps: from then on the property only warns
 
 
 class LOBE_LIGHT_PT_preview(LobePanel, bpy.types.Panel):

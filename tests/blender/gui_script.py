@@ -260,6 +260,8 @@ def panels():
             column.spaces.active.context = tab
             column.tag_redraw()
         yield 1.0
+        yield from until(lambda: not bpy.app.is_job_running("RENDER_PREVIEW"))
+        yield 1.0
         shoot(narrow, f"panel_{name}_narrow")
         shoot(wide, f"panel_{name}")
     wide.type = "VIEW_3D"
