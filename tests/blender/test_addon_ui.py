@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
 
 from engine import Settings
@@ -307,7 +309,7 @@ def test_a_material_without_a_remark(classes) -> None:
 
 
 def test_images_are_read_by_a_timer_and_once(classes, monkeypatch) -> None:
-    """Drawing the panel reads none; what was read holds until that image changes."""
+    """Drawing the panel reads none; what was read holds until that image changes. These are Blender's own."""
     module = sys.modules[f"{MODULE}.addon.ui.understood"]
     read: list[str] = []
     whole = module.KeptAverages._read
@@ -345,6 +347,48 @@ def test_images_are_read_by_a_timer_and_once(classes, monkeypatch) -> None:
     assert "Diffuse kd 0.75" in texts(panel, contexts["Two"])
     module._read()
     assert "Diffuse kd 0.5" in texts(panel, contexts["One"]) and read[2:] == ["One"]
+
+
+def test_files_of_images_are_averaged_on_a_thread(classes, tmp_path, monkeypatch) -> None:
+    """To the same as an export's, and forgotten where the image changes meanwhile."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    made = bpy.data.images.new("Made", 64, 64, alpha=True)
+    made.pixels = np.random.default_rng(1).random(64 * 64 * 4, np.float32)
+    made.filepath_raw, made.file_format = str(tmp_path / "made.png"), "PNG"
+    made.save()
+    material, node = new_material("M", "ShaderNodeBsdfDiffuse")
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(str(tmp_path / "made.png"))
+    material.node_tree.links.new(texture.outputs[0], node.inputs["Color"])
+    panel, context = find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material)
+    go, threads, whole = threading.Event(), [], module.KeptAverages.mean_of_file
+
+    def slow(self, image, path):
+        threads.append(threading.current_thread())
+        assert go.wait(60) and isinstance(image, SimpleNamespace)
+        return whole(self, image, path)
+
+    monkeypatch.setattr(module.KeptAverages, "mean_of_file", slow)
+    assert "Reading its images" in texts(panel, context)
+    assert module._read() == module._read() == module.INTERVAL and len(threads) == 1
+    module.understood.changed([texture.image])
+    assert module._read() == module.INTERVAL and len(threads) == 2  # begun anew
+    assert "Reading its images" in texts(panel, context)
+    go.set()
+    while module._read() is not None:
+        module.understood.wait()
+    assert threading.current_thread() not in threads
+    mean, _ = module.understood.at_hand(material)
+    module.understood.forget()
+    assert mean == module.understood.of(material)[0] and len(threads) == 2
+
+    Path(tmp_path / "made.png").write_bytes(b"no picture")
+    module.understood.forget()
+    texture.image.reload()
+    assert "Reading its images" in texts(panel, context)
+    while module._read() is not None:
+        module.understood.wait()
+    assert "cannot be read" in texts(panel, context)
 
 
 def test_use_phong_keeps_what_is_drawn(classes) -> None:
