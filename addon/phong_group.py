@@ -67,15 +67,26 @@ def _make_group() -> bpy.types.NodeTree:
 def _make_sockets(interface: bpy.types.NodeTreeInterface) -> None:
     interface.new_socket("BSDF", in_out="OUTPUT", socket_type="NodeSocketShader")
     for name, level, text in (
-        ("kd", 0.5, "Diffuse reflectance. Energy is conserved while kd + ks stays at or below 1"),
-        ("ks", 0.3, "Reflectance of the Phong lobe"),
+        (
+            "kd",
+            0.5,
+            "Diffuse reflectance, 0 to 1. Energy is conserved while kd + ks stays at or below 1. Costs no time",
+        ),
+        (
+            "ks",
+            0.3,
+            "Reflectance of the Phong lobe, 0 to 1. Above 0 it takes a little more time",
+        ),
     ):
         socket = interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketColor")
         socket.default_value = (level, level, level, 1.0)
         socket.description = text
     socket = interface.new_socket("exponent", in_out="INPUT", socket_type="NodeSocketFloat")
     socket.default_value, socket.min_value, socket.max_value = 50.0, 0.0, 1e6
-    socket.description = "Sharpness of the Phong lobe: about 10 is satin, 1000 nearly a mirror"
+    socket.description = (
+        "Sharpness of the Phong lobe, a number without unit: about 10 is satin, 1000 nearly a mirror. Costs no time; "
+        "high ones can throw bright specks of noise on other surfaces"
+    )
 
 
 class LOBE_OT_add_phong_node(bpy.types.Operator):

@@ -80,12 +80,13 @@ class LobeSettings(bpy.types.PropertyGroup):
     use_adaptive_sampling: BoolProperty(
         name="Use Adaptive Sampling",
         description="Stop pixels whose noise is below the threshold, which saves time where large parts of the picture "
-        "are simple. It is slightly biased: not for measurements",
+        "are simple; no pixel stops before 32 samples. It is slightly biased: not for measurements",
         default=_DEFAULTS.use_adaptive_sampling,
     )
     adaptive_threshold: FloatProperty(
         name="Noise Threshold",
-        description="The error at which a pixel stops, relative to its brightness. Half of it takes four times as long",
+        description="The error at which a pixel stops, as a part of the square root of its brightness: no unit; 0.01 "
+        "is below 1 % of white. Half of it takes four times as long. No pixel stops before 32 samples",
         precision=4,
         step=0.1,
         soft_max=0.1,
@@ -119,15 +120,15 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     clamp_direct: FloatProperty(
         name="Direct Light",
-        description="Upper limit of one path's direct light, as the mean of its channels. Removes bright specks "
-        "and darkens the picture: 0 is off, and unbiased. Costs no time",
+        description="Upper limit of one path's direct light in W/(m² sr), as the mean of its channels. Removes "
+        "bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
         soft_max=100,
         **_limits("clamp_direct"),
     )
     clamp_indirect: FloatProperty(
         name="Indirect Light",
-        description="Upper limit of one path's indirect light, as the mean of its channels. Removes bright specks "
-        "and darkens the picture: 0 is off, and unbiased. Costs no time",
+        description="Upper limit of one path's indirect light in W/(m² sr), as the mean of its channels. Removes "
+        "bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
         soft_max=100,
         **_limits("clamp_indirect"),
     )
@@ -149,7 +150,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     filter_width: FloatProperty(
         name="Width",
-        description="Width of the Blackman-Harris filter in pixels. Wider is softer, and has a little less noise",
+        description="Width of the Blackman-Harris filter in pixels. Wider is softer, and has a little less noise. "
+        "Costs no time",
         subtype="PIXEL",
         soft_min=1,
         soft_max=3,

@@ -111,11 +111,15 @@ def _redraw() -> float:
     global _to_redraw
     if _to_redraw:
         _to_redraw = False
-        for window in bpy.context.window_manager.windows:
-            for area in window.screen.areas:
-                if area.type == "PROPERTIES":
-                    area.tag_redraw()
+        redraw_properties()
     return REDRAW_INTERVAL
+
+
+def redraw_properties() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "PROPERTIES":
+                area.tag_redraw()
 
 
 def register() -> None:

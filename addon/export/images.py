@@ -84,7 +84,7 @@ class Images:
         key = self._key(node)
         if key not in self._averages:
             pixels = None if node.image is None else self._read(node)
-            self._averages[key] = None if pixels is None else _average(pixels)
+            self._averages[key] = None if pixels is None else mean_color(pixels)
         return self._averages[key]
 
     def problem(self, node) -> str:
@@ -235,7 +235,8 @@ def _split(data: np.ndarray, straight: bool) -> Pixels:
     return Pixels(np.ascontiguousarray(color), alpha, straight)
 
 
-def _average(pixels: Pixels) -> np.ndarray:
+def mean_color(pixels: Pixels) -> np.ndarray:
+    """(4,) mean of linear colours, weighted by alpha, and mean alpha."""
     color = np.nan_to_num(pixels.color.reshape(-1, 3), posinf=0.0, neginf=0.0)
     if pixels.alpha is None or pixels.alpha.max() <= 0.0:
         return np.array([*color.mean(axis=0, dtype=np.float64), 1.0])

@@ -13,6 +13,7 @@ from . import (
     presets,
     render_panels,
     report_panel,
+    understood,
     world_panels,
 )
 
@@ -31,7 +32,7 @@ _CLASSES = (
 def register() -> None:
     compat.register()
     presets.register()
-    material_panels.register()
+    understood.register()
     for cls in _CLASSES:
         bpy.utils.register_class(cls)
 
@@ -39,6 +40,6 @@ def register() -> None:
 def unregister() -> None:
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)
-    material_panels.unregister()
+    understood.unregister()
     presets.unregister()
     compat.unregister()

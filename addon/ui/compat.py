@@ -1,4 +1,5 @@
-"""Blender's own panels that work with Lobe: those made for any engine, and a few that name EEVEE or Cycles alone."""
+"""Blender's own panels that work with Lobe: those made for any engine, and a few that name EEVEE or Cycles alone. And
+what Blender's menus show with Cycles alone, though Lobe does it too."""
 
 from __future__ import annotations
 
@@ -54,7 +55,14 @@ def _wanted(panel: type) -> bool:
     return panel.__name__ in _INCLUDE or "BLENDER_RENDER" in engines
 
 
+def _draw_indirect_only(self, context) -> None:
+    if context.engine == ENGINE:
+        self.layout.operator("outliner.collection_indirect_only_set")
+        self.layout.operator("outliner.collection_indirect_only_clear")
+
+
 def register() -> None:
+    bpy.types.OUTLINER_MT_collection_view_layer.append(_draw_indirect_only)
     for panel in _all_panels():
         if _wanted(panel):
             panel.COMPAT_ENGINES.add(ENGINE)
@@ -62,5 +70,6 @@ def register() -> None:
 
 
 def unregister() -> None:
+    bpy.types.OUTLINER_MT_collection_view_layer.remove(_draw_indirect_only)
     while _opted_in:
         _opted_in.pop().COMPAT_ENGINES.discard(ENGINE)

@@ -11,7 +11,20 @@ from .nodes import draw_surface
 from .panel import LobePanel
 from .text import draw_text
 
-ALWAYS_NODES = bpy.app.version >= (5, 2)  # lamps: from then on the property only warns
+ALWAYS_NODES = bpy.app.version >= (5, 1)  # lamps: from then on the property only warns
+
+
+class LOBE_LIGHT_PT_preview(LobePanel, bpy.types.Panel):
+    bl_label = "Preview"
+    bl_context = "data"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.light is not None and super().poll(context)
+
+    def draw(self, context):
+        self.layout.template_preview(context.light)
 
 
 class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
@@ -158,6 +171,7 @@ def is_or_places_visible(object_) -> bool:
 
 
 CLASSES = (
+    LOBE_LIGHT_PT_preview,
     LOBE_LIGHT_PT_light,
     LOBE_LIGHT_PT_beam_shape,
     LOBE_LIGHT_PT_nodes,

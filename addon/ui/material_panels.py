@@ -4,65 +4,18 @@ from __future__ import annotations
 
 import bpy
 
-from ..export.images import Images
-from ..export.materials.material import export_material, uses_nodes
+from ..export.materials.material import uses_nodes
 from ..export.materials.tree import is_phong_group, shader_output
-from ..export.notes import Notes
-from ..export.stop import Stop
 from ..export.units import exponent_to_roughness
 from ..phong_group import phong_group
 from .nodes import draw_surface
 from .panel import LobePanel
 from .text import draw_text
+from .understood import read_soon, understood
 
 ALWAYS_NODES = bpy.app.version >= (5, 0)  # from then on the property only warns
 INPUTS = ("kd", "ks", "exponent")
 SHINY = 1e-5  # of a reflectance, an emission or a transparency that is worth a node
-
-
-class _Understood:
-    """What the export makes of materials, kept until one of them may have changed: panels are drawn on every move of
-    the mouse, and an image's average takes a while."""
-
-    def __init__(self) -> None:
-        self._known: dict[int, tuple] = {}
-        self._images: Images | None = None
-
-    def of(self, material) -> tuple:
-        """(engine.Material or None, the sentences that go with it)"""
-        from ...engine import LobeError
-
-        key = material.session_uid
-        if key not in self._known:
-            notes = Notes()
-            self._images = self._images or Images(Notes(), Stop())
-            try:
-                drawn = export_material(material, notes, self._images, Stop())
-                texts = [note.what for note in notes.all]
-            except LobeError as error:
-                drawn, texts = None, [str(error)]
-            self._known[key] = drawn, texts
-        return self._known[key]
-
-    def forget(self, with_images: bool) -> None:
-        self._known.clear()
-        if with_images:
-            self._images = None
-
-
-_understood = _Understood()
-
-
-@bpy.app.handlers.persistent
-def _changed(scene, depsgraph) -> None:
-    kinds = {type(update.id) for update in depsgraph.updates} if _understood._known else set()
-    if kinds & {bpy.types.Material, bpy.types.ShaderNodeTree, bpy.types.NodeTree, bpy.types.Image, bpy.types.Scene}:
-        _understood.forget(bpy.types.Image in kinds)
-
-
-@bpy.app.handlers.persistent
-def _forget(*_) -> None:
-    _understood.forget(with_images=True)
 
 
 def phong_node(material):
@@ -122,7 +75,12 @@ class LOBE_MATERIAL_PT_understood(_MaterialPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        drawn, texts = _understood.of(context.material)
+        known = understood.at_hand(context.material)
+        if known is None:
+            self.layout.label(text="Reading its images...", icon="TIME")
+            read_soon()
+            return
+        drawn, texts = known
         column = self.column(align=True)
         if drawn is not None:
             for name, value in _rows(drawn):
@@ -172,14 +130,14 @@ Emission and transparency are kept as nodes of their own; the old nodes stay in 
 
     def execute(self, context):
         material = context.material
-        drawn, texts = _understood.of(material)
+        drawn, texts = understood.of(material)
         if drawn is None:
             self.report({"ERROR"}, texts[0])
             return {"CANCELLED"}
         if bpy.app.version < (5, 0):
             material.use_nodes = True
         use_phong(material.node_tree, drawn)
-        _understood.forget(with_images=False)
+        understood.forget_materials()
         return {"FINISHED"}
 
 
@@ -229,16 +187,3 @@ CLASSES = (
     LOBE_MATERIAL_PT_understood,
     LOBE_MATERIAL_PT_settings,
 )
-
-
-def register() -> None:
-    bpy.app.handlers.depsgraph_update_post.append(_changed)
-    bpy.app.handlers.frame_change_post.append(_forget)
-    bpy.app.handlers.load_pre.append(_forget)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_forget)
-    bpy.app.handlers.frame_change_post.remove(_forget)
-    bpy.app.handlers.depsgraph_update_post.remove(_changed)
-    _understood.forget(with_images=True)

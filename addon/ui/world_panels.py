@@ -19,6 +19,14 @@ class _Panel(LobePanel):
         return context.world is not None and super().poll(context)
 
 
+class LOBE_WORLD_PT_preview(_Panel, bpy.types.Panel):
+    bl_label = "Preview"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        self.layout.template_preview(context.world)
+
+
 class LOBE_WORLD_PT_surface(_Panel, bpy.types.Panel):
     bl_label = "Surface"
 
@@ -83,6 +91,7 @@ class LOBE_WORLD_PT_ray_visibility(_Panel, bpy.types.Panel):
 
 
 CLASSES = (
+    LOBE_WORLD_PT_preview,
     LOBE_WORLD_PT_surface,
     LOBE_WORLD_PT_mist,
     LOBE_WORLD_PT_ambient_occlusion,

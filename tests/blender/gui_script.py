@@ -233,7 +233,10 @@ def open_panels() -> None:
 
 def panels():
     """Every tab that has panels of Lobe's, open, in a column as wide as Blender's and in a wide one."""
+    watch_previews()
     unsupported()
+    layer = bpy.context.view_layer
+    layer.use_pass_mist = layer.use_pass_ambient_occlusion = True  # these have panels of the world
     activate("MESH")
     yield 0.3
     area("PROPERTIES").spaces.active.context = "MATERIAL"
@@ -246,6 +249,7 @@ def panels():
     wide.type = "PROPERTIES"
     yield 1.0
     for name, (tab, kind) in TABS.items():
+        SEEN["tab"] = name
         if kind in ("POINT", "SPOT", "AREA", "SUN"):
             lamp.data.type = kind
             bpy.context.view_layer.objects.active = lamp
@@ -256,10 +260,26 @@ def panels():
             column.spaces.active.context = tab
             column.tag_redraw()
         yield 1.0
+        yield from until(lambda: not bpy.app.is_job_running("RENDER_PREVIEW"))
+        yield 1.0
         shoot(narrow, f"panel_{name}_narrow")
         shoot(wide, f"panel_{name}")
     wide.type = "VIEW_3D"
     yield 1.0
+
+
+def watch_previews() -> None:
+    """Notes which tab was open whenever Lobe rendered a preview."""
+    from bl_ext.user_default.lobe.addon import session
+
+    class Session(session.Session):
+        def __init__(self, engine, depsgraph):
+            super().__init__(engine, depsgraph)
+            if engine.is_preview:
+                SEEN["previews"].append(SEEN["tab"])
+
+    SEEN["previews"], SEEN["tab"] = [], ""
+    session.Session = Session
 
 
 def activate(kind: str) -> None:

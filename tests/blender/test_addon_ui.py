@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
 
 from engine import Settings
+from engine.adaptive import MIN_SAMPLES
 from tools.lobe_blender import MODULE
 
 from .export_checks import new_material, node_tree
@@ -38,6 +42,9 @@ class Layout:
         getattr(getattr(bpy.ops, group), rest).get_rna_type()  # raises where there is none
         self.shown.append(("operator", name))
         return SimpleNamespace()
+
+    def template_preview(self, datablock) -> None:
+        self.shown.append(("preview", datablock.bl_rna.identifier))
 
     def popover(self, panel: str, **_) -> None:
         self.shown.append(("popover", panel))
@@ -134,36 +141,47 @@ def test_panels_hide_from_other_engines(classes) -> None:
     assert not any(c.poll(context) for c in classes)
 
 
-def test_blenders_own_panels_join_in() -> None:
-    for name in ("EEVEE_MATERIAL_PT_context_material", "MATERIAL_PT_preview", "DATA_PT_camera_dof", "DATA_PT_lens"):
-        assert "LOBE" in getattr(bpy.types, name).COMPAT_ENGINES, name
-    for name in ("RENDER_PT_simplify", "DATA_PT_light", "VIEWLAYER_PT_freestyle", "EEVEE_MATERIAL_PT_surface"):
-        assert "LOBE" not in getattr(bpy.types, name).COMPAT_ENGINES, name
-
-
 # --- every tab ------------------------------------------------------------------------------------------------------
 
 
-def test_tooltips_tell_the_cost() -> None:
+# Of each property: what its tooltip says of its unit, and of its cost in time or noise.
+TOLD = {
+    "samples": ("paths traced for each pixel", "time grows in proportion"),
+    "viewport_samples": ("paths traced for each pixel", "then it rests and takes no time"),
+    "seed": ("which random numbers", "costs no time"),
+    "time_limit": ("seconds", "keeps the noise of the samples that it got"),
+    "use_adaptive_sampling": (f"before {MIN_SAMPLES} samples", "saves time"),
+    "adaptive_threshold": (f"no unit.*before {MIN_SAMPLES} samples", "four times as long"),
+    "use_denoising": ("", "takes some seconds and a gigabyte"),
+    "max_bounces": ("surfaces", "each bounce costs up to as much time as the one before"),
+    "diffuse_bounces": ("how many of the bounces", "fewer take less time"),
+    "glossy_bounces": ("how many of the bounces", "fewer take less time"),
+    "clamp_direct": (r"in w/\(m² sr\)", "costs no time"),
+    "clamp_indirect": (r"in w/\(m² sr\)", "costs no time"),
+    "hemisphere_sampling": ("", "the noise is not.*twice the noise.*slower"),
+    "lobe_selection": ("", "the noise is not.*less noise"),
+    "pixel_filter": ("", "costs no time"),
+    "filter_width": ("in pixels", "costs no time"),
+    "road": ("", "some hundred times slower"),
+    "denoising_data": ("", "the time of one more ray for each sample"),
+    "pass_sample_count": ("how many samples", "takes no time"),
+    "kd": ("0 to 1", "costs no time"),
+    "ks": ("0 to 1", "takes a little more time"),
+    "exponent": ("without unit", "costs no time"),
+}
+
+
+def test_tooltips_tell_unit_and_cost() -> None:
+    told = {}
     for prop in (*bpy.context.scene.lobe.bl_rna.properties, *bpy.context.view_layer.lobe.bl_rna.properties):
-        if prop.identifier in ("rna_type", "name"):
-            continue
-        told = " ".join([prop.description, *(item.description for item in getattr(prop, "enum_items", ()))]).lower()
-        assert any(word in told for word in ("time", "long", "slow", "noise", "seconds")), prop.identifier
-
-
-def test_engine_neutral_panels_appear_and_what_is_ignored_does_not(classes) -> None:
-    compat = sys.modules[f"{MODULE}.addon.ui.compat"]
-    neutral = [p for p in compat._all_panels() if "BLENDER_RENDER" in getattr(p, "COMPAT_ENGINES", ())]
-    left_out = {p.__name__ for p in neutral if "LOBE" not in p.COMPAT_ENGINES}
-    assert {name for name in left_out if name not in compat._EXCLUDE} == {
-        name for name in left_out if any(word in name for word in compat._EXCLUDE_WORDS)
-    }
-    assert len(neutral) - len(left_out) > 100
-    assert {"RENDER_PT_stereoscopy", "DATA_PT_camera_stereoscopy", "PARTICLE_PT_hair_shape"} <= left_out
-    assert not {p.__name__ for p in compat._all_panels() if "LOBE" in getattr(p, "COMPAT_ENGINES", ())} & {
-        "RENDER_PT_eevee_motion_blur", "VIEWLAYER_PT_layer_passes", "EEVEE_WORLD_PT_volume", "EEVEE_MATERIAL_PT_volume"
-    }  # fmt: skip
+        items = (item.description for item in getattr(prop, "enum_items", ()))
+        told[prop.identifier] = " ".join([prop.description, *items])
+    sockets = sys.modules[f"{MODULE}.addon.phong_group"].phong_group().interface.items_tree
+    told |= {socket.name: socket.description for socket in sockets if socket.in_out == "INPUT"}
+    assert set(told) - {"rna_type", "name"} == set(TOLD)
+    for name, (unit, cost) in TOLD.items():
+        assert re.search(unit, told[name].lower()), f"{name}: {told[name]}"
+        assert re.search(cost, told[name].lower()), f"{name}: {told[name]}"
 
 
 def find(classes, name: str) -> type:
@@ -190,6 +208,17 @@ def test_what_a_pass_takes_from_the_world(classes, kind: str) -> None:
     assert panel.poll(context) and not panel.poll(fake_context())
     shown = {"mist": {"start", "depth", "falloff"}, "ambient_occlusion": {"distance"}}[kind]
     assert {name for _, name in draw(panel, context)} == shown
+
+
+def test_previews(classes) -> None:
+    world, light = bpy.data.worlds.new("World"), bpy.data.lights.new("Lamp", "AREA")
+    for name, context, shown in (
+        ("LOBE_WORLD_PT_preview", fake_context(world=world), "World"),
+        ("LOBE_LIGHT_PT_preview", fake_context(light=light), "AreaLight"),
+    ):
+        panel = find(classes, name)
+        assert panel.poll(context) and not panel.poll(fake_context())
+        assert draw(panel, context) == [("preview", shown)]
 
 
 def test_the_pass_index_of_a_material(classes) -> None:
@@ -220,7 +249,7 @@ def test_the_surface_that_is_rendered_is_shown(classes, kind: str) -> None:
 def test_the_nodes_of_a_lamp(classes) -> None:
     panel = find(classes, "LOBE_LIGHT_PT_nodes")
     context = fake_context(light=bpy.data.lights.new("Lamp", "POINT"))
-    if bpy.app.version < (5, 2):  # from then on they always have nodes
+    if bpy.app.version < (5, 1):  # from then on they always have nodes
         context.light.use_nodes = False
         assert ("node view", "ShaderNodeOutputLight") not in draw(panel, context)
         context.light.use_nodes = True
@@ -279,11 +308,94 @@ def test_a_material_without_a_remark(classes) -> None:
     assert "Every node of it is honoured" in shown
 
 
+def test_images_are_read_by_a_timer_and_once(classes, monkeypatch) -> None:
+    """Drawing the panel reads none; what was read holds until that image changes. These are Blender's own."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    read: list[str] = []
+    whole = module.KeptAverages._read
+    monkeypatch.setattr(
+        module.KeptAverages, "_read", lambda self, n, *rest: read.append(n.image.name) or whole(self, n)
+    )
+    panel = find(classes, "LOBE_MATERIAL_PT_understood")
+    contexts = {}
+    for name, level in (("One", 0.25), ("Two", 0.75)):
+        material, node = new_material(name, "ShaderNodeBsdfDiffuse")
+        image = bpy.data.images.new(name, 4, 4, float_buffer=True)
+        image.pixels = [level, level, level, 1.0] * 16
+        texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+        texture.image = image
+        material.node_tree.links.new(texture.outputs[0], node.inputs["Color"])
+        contexts[name] = fake_context(material=material)
+        object_ = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+        object_.data.materials.append(material)
+        bpy.context.scene.collection.objects.link(object_)
+    bpy.context.view_layer.update()
+    assert all("Reading its images" in texts(panel, context) for context in contexts.values()) and not read
+    assert bpy.app.timers.is_registered(module._read)
+    module._read()
+    assert "Diffuse kd 0.25" in texts(panel, contexts["One"]) and "Diffuse kd 0.75" in texts(panel, contexts["Two"])
+    assert sorted(read) == ["One", "Two"]
+
+    contexts["One"].material.roughness = 0.3  # another property of it
+    bpy.context.view_layer.update()
+    bpy.context.scene.frame_set(7)
+    assert "Diffuse kd 0.25" in texts(panel, contexts["One"]) and len(read) == 2
+    bpy.data.images["One"].pixels = [0.5, 0.5, 0.5, 1.0] * 16
+    bpy.data.images["One"].update_tag()
+    bpy.context.view_layer.update()
+    assert "Reading its images" in texts(panel, contexts["One"])
+    assert "Diffuse kd 0.75" in texts(panel, contexts["Two"])
+    module._read()
+    assert "Diffuse kd 0.5" in texts(panel, contexts["One"]) and read[2:] == ["One"]
+
+
+def test_files_of_images_are_averaged_on_a_thread(classes, tmp_path, monkeypatch) -> None:
+    """To the same as an export's, and forgotten where the image changes meanwhile."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    made = bpy.data.images.new("Made", 64, 64, alpha=True)
+    made.pixels = np.random.default_rng(1).random(64 * 64 * 4, np.float32)
+    made.filepath_raw, made.file_format = str(tmp_path / "made.png"), "PNG"
+    made.save()
+    material, node = new_material("M", "ShaderNodeBsdfDiffuse")
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(str(tmp_path / "made.png"))
+    material.node_tree.links.new(texture.outputs[0], node.inputs["Color"])
+    panel, context = find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material)
+    go, threads, whole = threading.Event(), [], module.KeptAverages.mean_of_file
+
+    def slow(self, image, path):
+        threads.append(threading.current_thread())
+        assert go.wait(60) and isinstance(image, SimpleNamespace)
+        return whole(self, image, path)
+
+    monkeypatch.setattr(module.KeptAverages, "mean_of_file", slow)
+    assert "Reading its images" in texts(panel, context)
+    assert module._read() == module._read() == module.INTERVAL and len(threads) == 1
+    module.understood.changed([texture.image])
+    assert module._read() == module.INTERVAL and len(threads) == 2  # begun anew
+    assert "Reading its images" in texts(panel, context)
+    go.set()
+    while module._read() is not None:
+        module.understood.wait()
+    assert threading.current_thread() not in threads
+    mean, _ = module.understood.at_hand(material)
+    module.understood.forget()
+    assert mean == module.understood.of(material)[0] and len(threads) == 2
+
+    Path(tmp_path / "made.png").write_bytes(b"no picture")
+    module.understood.forget()
+    texture.image.reload()
+    assert "Reading its images" in texts(panel, context)
+    while module._read() is not None:
+        module.understood.wait()
+    assert "cannot be read" in texts(panel, context)
+
+
 def test_use_phong_keeps_what_is_drawn(classes) -> None:
     material, node = new_material("M", "ShaderNodeBsdfPrincipled", Base_Color=(0.5, 0.4, 0.3, 1), Alpha=0.75)
     node.inputs["Emission Color"].default_value = (1, 0.5, 0, 1)
     node.inputs["Emission Strength"].default_value = 4.0
-    understood = sys.modules[f"{MODULE}.addon.ui.material_panels"]._understood
+    understood = sys.modules[f"{MODULE}.addon.ui.understood"].understood
     before, _ = understood.of(material)
     with bpy.context.temp_override(material=material):
         assert bpy.ops.lobe.use_phong() == {"FINISHED"}

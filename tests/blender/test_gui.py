@@ -87,3 +87,7 @@ def test_panels_are_drawn(folder) -> None:
     for one, other in combinations(shots, 2):
         if shots[one].shape == shots[other].shape:
             assert np.abs(shots[one] - shots[other]).max() > 32, f"{one}, {other}"
+
+
+def test_previews_are_rendered_by_lobe(seen) -> None:
+    assert {"material", "world", "lamp_point", "lamp_spot", "lamp_area", "lamp_sun"} <= set(seen["previews"])

@@ -1,0 +1,224 @@
+"""Which of Blender's own panels Lobe shows, beside Cycles as the measure, and what its panels let one reach.
+
+The lists are written down here by hand: what differs from Cycles differs on purpose.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import types
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import bpy
+import pytest
+
+from tools.lobe_blender import MODULE
+
+from .export_checks import new_material
+
+# Blender's own panels that Cycles shows and Lobe doesn't, in any of Blender 4.2 to 5.2: Lobe draws none of it.
+WITHOUT = {
+    "stereoscopy": {"DATA_PT_camera_stereoscopy", "RENDER_PT_output_views", "RENDER_PT_stereoscopy"},
+    "light probes": {
+        "DATA_PT_context_lightprobe", "DATA_PT_lightprobe", "DATA_PT_lightprobe_display",
+        "DATA_PT_lightprobe_parallax", "DATA_PT_lightprobe_visibility",
+    },
+    "volumes": {"DATA_PT_volume_render"},
+    "hair": {"PARTICLE_PT_hair_shape", "PARTICLE_PT_render_path", "PARTICLE_PT_render_path_timing"},
+    "grease pencil": {
+        "RENDER_PT_gpencil", "RENDER_PT_grease_pencil_render", "RENDER_PT_grease_pencil_viewport",
+        "RENDER_PT_simplify_greasepencil",
+    },
+    "a texture node's own mapping": {"NODE_PT_texture_mapping"},
+    "nothing by itself": {"OBJECT_PT_shading"},
+    "Freestyle": {
+        "MATERIAL_PT_freestyle_line", "RENDER_PT_freestyle", "VIEWLAYER_PT_freestyle",
+        "VIEWLAYER_PT_freestyle_animation", "VIEWLAYER_PT_freestyle_edge_detection", "VIEWLAYER_PT_freestyle_lineset",
+        "VIEWLAYER_PT_freestyle_lineset_collection", "VIEWLAYER_PT_freestyle_lineset_edgetype",
+        "VIEWLAYER_PT_freestyle_lineset_facemarks", "VIEWLAYER_PT_freestyle_lineset_visibilty",
+        "VIEWLAYER_PT_freestyle_linestyle_alpha", "VIEWLAYER_PT_freestyle_linestyle_color",
+        "VIEWLAYER_PT_freestyle_linestyle_geometry", "VIEWLAYER_PT_freestyle_linestyle_strokes",
+        "VIEWLAYER_PT_freestyle_linestyle_strokes_chaining", "VIEWLAYER_PT_freestyle_linestyle_strokes_dashedline",
+        "VIEWLAYER_PT_freestyle_linestyle_strokes_selection", "VIEWLAYER_PT_freestyle_linestyle_strokes_sorting",
+        "VIEWLAYER_PT_freestyle_linestyle_strokes_splitting",
+        "VIEWLAYER_PT_freestyle_linestyle_strokes_splitting_pattern", "VIEWLAYER_PT_freestyle_linestyle_texture",
+        "VIEWLAYER_PT_freestyle_linestyle_thickness", "VIEWLAYER_PT_freestyle_style_modules",
+    },
+}  # fmt: skip
+
+# Those that Lobe takes as they are, while Cycles has the same in panels of its own.
+BESIDE = {
+    "DATA_PT_camera_dof",
+    "DATA_PT_camera_dof_aperture",
+    "EEVEE_MATERIAL_PT_context_material",
+    "MATERIAL_PT_preview",
+    "OBJECT_PT_visibility",
+    "RENDER_PT_post_processing",
+}
+
+# Properties that the engine, the export or docs/settings.md name, and that some panel has to show.
+REACHABLE = {
+    "Camera": "type lens shift_x shift_y sensor_fit sensor_width clip_start clip_end",
+    "CameraDOFSettings": "use_dof focus_object focus_distance aperture_fstop aperture_blades aperture_rotation "
+    "aperture_ratio",
+    "Collection": "hide_render instance_offset",
+    "ColorManagedViewSettings": "view_transform exposure",
+    "CyclesRenderSettings": "film_exposure",
+    "CyclesVisibilitySettings": "camera diffuse glossy",
+    "ImageFormatSettings": "color_management",
+    "LayerCollection": "holdout indirect_only exclude",
+    "LobeViewLayer": "denoising_data pass_sample_count",
+    "Material": "pass_index",
+    "Object": "pass_index is_holdout hide_render visible_camera visible_diffuse visible_glossy visible_shadow "
+    "instance_type",
+    "RenderSettings": "engine film_transparent threads_mode threads use_persistent_data use_simplify use_overwrite "
+    "use_placeholder use_border use_crop_to_border resolution_x resolution_y resolution_percentage pixel_aspect_x "
+    "simplify_subdivision simplify_subdivision_render simplify_child_particles simplify_child_particles_render "
+    "use_single_layer",
+    "Scene": "camera background_set frame_start frame_end",
+    "ViewLayer": "use use_sky use_solid material_override use_pass_combined use_pass_z use_pass_mist use_pass_position "
+    "use_pass_normal use_pass_uv use_pass_object_index use_pass_material_index use_pass_emit use_pass_environment "
+    "use_pass_ambient_occlusion use_pass_diffuse_direct use_pass_diffuse_indirect use_pass_diffuse_color "
+    "use_pass_glossy_direct use_pass_glossy_indirect use_pass_glossy_color",
+    "WorldLighting": "distance",
+    "WorldMistSettings": "start depth falloff",
+}
+
+
+def compat():
+    return sys.modules[f"{MODULE}.addon.ui.compat"]
+
+
+def of_engine(engine: str) -> set[str]:
+    return {panel.__name__ for panel in compat()._all_panels() if engine in getattr(panel, "COMPAT_ENGINES", ())}
+
+
+def test_blenders_panels_are_those_of_cycles_but_for_these() -> None:
+    ui = pytest.importorskip("cycles.ui")
+    cycles = {panel.__name__ for panel in ui.get_panels()}
+    lobe = {name for name in of_engine("LOBE") if not name.startswith("LOBE_")}
+    assert cycles - lobe == set().union(*WITHOUT.values()) & cycles
+    assert lobe - cycles == BESIDE
+    assert len(cycles) > 100
+
+
+def test_no_panel_of_what_lobe_ignores() -> None:
+    ignored = {"RENDER_PT_eevee_motion_blur", "VIEWLAYER_PT_layer_passes", "EEVEE_WORLD_PT_volume", "DATA_PT_light",
+               "EEVEE_MATERIAL_PT_volume", "EEVEE_MATERIAL_PT_surface", "EEVEE_WORLD_PT_surface"}  # fmt: skip
+    assert not ignored & of_engine("LOBE")
+
+
+# --- what can be reached --------------------------------------------------------------------------------------------
+
+
+class AnyLayout:
+    """Takes whatever a panel draws, and notes the properties, which have to be there."""
+
+    def __init__(self) -> None:
+        self.__dict__["shown"] = set()
+
+    def __setattr__(self, name: str, value) -> None: ...
+
+    def __getattr__(self, name: str):
+        return lambda *_, **__: self
+
+    def prop(self, owner, name: str, *_, **__) -> None:
+        assert name in owner.bl_rna.properties, f"{owner} has no property {name}"
+        self.shown.add((owner.bl_rna.identifier, name))
+
+    def operator(self, *_, **__) -> SimpleNamespace:
+        return SimpleNamespace()
+
+    def panel(self, *_, **__) -> tuple[AnyLayout, AnyLayout]:
+        return self, self
+
+
+class Drawn:
+    """An instance of a panel, which can't be made without a window."""
+
+    def __init__(self, panel: type) -> None:
+        self.layout, self._panel = AnyLayout(), panel
+
+    def __getattr__(self, name: str):
+        value = inspect.getattr_static(self._panel, name)
+        return types.MethodType(value, self) if isinstance(value, types.FunctionType) else getattr(self._panel, name)
+
+
+class Context:
+    def __init__(self, **values) -> None:
+        names = ("world", "object", "active_object", "material", "material_slot", "light", "camera", "mesh")
+        self.__dict__.update(dict.fromkeys((*names, "collection", "region")))
+        self.engine, self.space_data = "LOBE", SimpleNamespace(use_pin_id=False, pin_id=None)
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str):
+        return getattr(bpy.context, name, None)
+
+
+def tabs() -> dict[str, Context]:
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    layer.use_pass_mist = layer.use_pass_ambient_occlusion = True  # then the world has panels for them
+    scene.world = bpy.data.worlds.new("World")
+    mesh = bpy.data.objects.new("Mesh", bpy.data.meshes.new("Mesh"))
+    material, _ = new_material("Material", "ShaderNodeBsdfDiffuse")
+    mesh.data.materials.append(material)
+    scene.collection.objects.link(mesh)
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.dof.use_dof = True
+    of_mesh = {"object": mesh, "active_object": mesh}
+    return {
+        **dict.fromkeys(("render", "output", "view_layer", "scene"), Context()),
+        "world": Context(world=scene.world),
+        "collection": Context(collection=bpy.data.collections.new("Collection")),
+        "object": Context(**of_mesh),
+        "material": Context(**of_mesh, material=material, material_slot=mesh.material_slots[0]),
+        "data": Context(object=camera, active_object=camera, camera=camera.data),
+    }
+
+
+def drawn_panels() -> Iterator[tuple[str, set[tuple[str, str]]]]:
+    """Name of each panel of the properties that Lobe shows in these tabs, and what it shows."""
+    contexts = tabs()
+    for panel in compat()._all_panels():
+        context = contexts.get(getattr(panel, "bl_context", ""))
+        engines = getattr(panel, "COMPAT_ENGINES", {"LOBE"})
+        if context is None or panel.bl_space_type != "PROPERTIES" or "LOBE" not in engines or not panel.is_registered:
+            continue
+        if hasattr(panel, "poll") and not panel.poll(context):
+            continue
+        drawn = Drawn(panel)
+        for name in ("draw_header", "draw"):
+            if hasattr(panel, name):
+                getattr(drawn, name)(context)
+        yield panel.__name__, drawn.layout.shown
+
+
+# These need a window to be drawn: a graphics card, or the context's own path to the datablock.
+UNDRAWN = ("custom_props", "color_management_display_settings")
+
+
+def test_what_lobe_honours_can_be_reached(monkeypatch) -> None:
+    for panel in compat()._all_panels():
+        if any(word in panel.__name__ for word in UNDRAWN) and panel.is_registered:
+            monkeypatch.setattr(panel, "draw", lambda self, context: None)
+    reached = set().union(*(shown for _, shown in drawn_panels()))
+    for owner, names in REACHABLE.items():
+        missing = [name for name in names.split() if (owner, name) not in reached]
+        if owner == "LayerCollection" and bpy.app.version < (4, 4):
+            continue  # the outliner has them
+        assert not missing, f"{owner}: {missing}"
+
+
+def test_the_outliners_menu_knows_indirect_only(monkeypatch) -> None:
+    menu = bpy.types.OUTLINER_MT_collection_view_layer
+    hooks = [function for function in menu.draw._draw_funcs if function.__module__ == compat().__name__]
+    for engine, number in (("LOBE", 2), ("CYCLES", 0)):
+        named: list[str] = []
+        layout = SimpleNamespace(operator=named.append)
+        for hook in hooks:
+            hook(SimpleNamespace(layout=layout), SimpleNamespace(engine=engine))
+        assert len(named) == number
+        for name in named:
+            assert "indirect_only" in name
