@@ -105,8 +105,32 @@ def test_a_comparison(scene) -> None:
     rows = {what: (was, during) for what, was, during in outcome.changed}
     assert rows["Cycles: Samples"] == ("77", "1024") and rows["Cycles: Use Denoising"] == ("on", "off")
     assert rows["Cycles: Clamp Indirect"] == ("10", "0") and rows["Lobe: Time Limit"] == ("100", "0")
-    assert not any("Seed" in what for what in rows)  # each render has another one
+    assert not any("Seed" in what or "Engine" in what for what in rows)  # each render has another one
     assert outcome.unmatched == []
+
+
+def test_every_setting_that_is_changed_is_listed(scene) -> None:
+    """Seen from outside: all that is different while it runs, but for seeds and the engine."""
+    upset(scene)
+    render = scene.render
+    render.use_multiview = render.use_compositing = render.use_sequencer = render.use_stamp_filename = True
+    render.use_crop_to_border = False
+
+    def seen() -> dict[tuple[str, str], object]:
+        parts = {"Cycles": scene.cycles, "Lobe": scene.lobe, "Blender": scene.render, "Scene": scene}
+        return {(name, key): value for name, owner in parts.items() for key, value in settings(owner).items()}
+
+    before = seen()
+    with compare.run.Keeper() as keeper:
+        compare.run.matching.prepare(scene, keeper, 1.0)
+        during = seen()
+        listed = [what for what, _, _ in compare.run.matching.changed(keeper.changes)]
+    assert seen() == before
+    parts = {"Cycles": scene.cycles, "Lobe": scene.lobe, "Blender": scene.render}
+    changed = [place for place, value in during.items() if value != before[place] and place[1] != "seed"]
+    names = {f"{name}: {parts[name].bl_rna.properties[key].name}" for name, key in changed}
+    assert {"Blender: Multiple Views", "Blender: Crop to Render Region", "Blender: Persistent Data"} <= names
+    assert names <= set(listed)
 
 
 TOO_SHORT = "The renders are too short to be timed, so there is no speed-up: take more samples"
