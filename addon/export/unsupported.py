@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from .notes import Notes
+from .settings import property_group
 
 CYCLES_BOUNCES = 1024  # Cycles' own limit of a lamp's or world's bounces, and its default: none
 CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; the engine's is 0
@@ -122,7 +123,7 @@ def _passes(owner) -> list[str]:
 
 def note_cycles_scene(scene, notes: Notes) -> None:
     """What Cycles' settings ask for that changes what is drawn. Those of its sampling are no wish of the scene's."""
-    cycles = getattr(scene, "cycles", None)
+    cycles = property_group(scene, "cycles")
     if cycles is None:
         return
     if not (cycles.caustics_reflective and cycles.caustics_refractive):
