@@ -130,5 +130,9 @@ def note_cycles_scene(scene, notes: Notes) -> None:
         notes.warn_scene("Cycles' caustics are switched off, which is not supported: light that mirrors throw is drawn")
     if cycles.use_fast_gi:
         notes.warn_scene("Cycles' Fast Global Illumination is not supported: all bounces are traced")
+    if scene.render.film_transparent and cycles.film_transparent_glass:
+        notes.warn_scene(
+            "Cycles' Transparent Glass is not supported: glass is drawn as transparent, with alpha to match"
+        )
     if scene.render.use_simplify and (cycles.use_camera_cull or cycles.use_distance_cull):
         notes.warn_scene("culling by the camera or by distance (Simplify) is not supported: every object is drawn")
