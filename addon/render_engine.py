@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 import traceback
 import weakref
+from collections.abc import Iterator
 
 import bpy
 
 from .faults import is_defect, message_of
 
 _viewports: weakref.WeakSet = weakref.WeakSet()  # all that may have threads
+_viewports_lock = threading.Lock()  # renders look at them on a thread of their own
 
 
 class LobeRenderEngine(bpy.types.RenderEngine):
@@ -47,7 +51,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
         session, self.session = self.session, None
         if session is None:
             return
-        with _reporting(self):
+        with _reporting(self), _viewports_paused(self):
             from .report import start_report
 
             if self.frame_report is None:
@@ -81,7 +85,8 @@ class LobeRenderEngine(bpy.types.RenderEngine):
             self.viewport = Viewport(self)
             # Not in __del__: there Blender no longer lets one look at the attributes. Also when the program ends.
             weakref.finalize(self, self.viewport.close)
-            _viewports.add(self.viewport)
+            with _viewports_lock:
+                _viewports.add(self.viewport)
         return self.viewport
 
 
@@ -111,10 +116,28 @@ class _reporting:
         return True
 
 
+def _open_viewports() -> list:
+    with _viewports_lock:
+        return list(_viewports)
+
+
+@contextlib.contextmanager
+def _viewports_paused(engine: bpy.types.RenderEngine) -> Iterator[None]:
+    """While a render traces, viewports leave it the processor. Icons are quick, and made of what a viewport shows."""
+    paused = [] if engine.is_preview else _open_viewports()
+    for viewport in paused:
+        viewport.pause()
+    try:
+        yield
+    finally:
+        for viewport in paused:
+            viewport.resume()
+
+
 @bpy.app.handlers.persistent
 def close_viewports(*_) -> None:
     """End their threads: before another file is opened, and when Lobe is disabled."""
-    for viewport in list(_viewports):
+    for viewport in _open_viewports():
         viewport.close()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from .. import engine as lobe
 from . import scene_report
 from .denoise import DenoiseError, DenoiseStopped, denoise
-from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings
+from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings, property_group
 from .memory import current_and_peak_mb
 from .passes import fill_passes, wanted_passes
 from .report import add_layer
@@ -51,7 +51,7 @@ class Session:
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
-        self.denoising = not engine.is_preview and depsgraph.scene_eval.lobe.use_denoising
+        self.denoising = not engine.is_preview and property_group(depsgraph.scene_eval, "lobe").use_denoising
         self.notes = Notes()
         self.scene_key = None if engine.is_preview else scene_report.key(depsgraph.scene)
         self.scene: lobe.Scene | None = None  # None when the user cancelled the export

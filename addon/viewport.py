@@ -72,6 +72,12 @@ class Viewport:
             self._drawing.draw(picture, view)
         return self._status(picture, view)
 
+    def pause(self) -> None:
+        self._renderer.pause()
+
+    def resume(self) -> None:
+        self._renderer.resume()
+
     def close(self) -> None:
         self._renderer.close()
         self._scene = None
@@ -105,7 +111,7 @@ class Viewport:
         return message_of(error)
 
     def _status(self, picture: lobe.Picture | None, view: View) -> tuple[str, str]:
-        message = self._renderer.message
+        message = "waiting for the render" if self._renderer.paused else self._renderer.message
         if message or picture is None:
             return "", f"{message[:1].upper()}{message[1:]}" or "Preparing"
         return "", f"Sample {picture.samples}/{picture.total}"

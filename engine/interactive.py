@@ -34,6 +34,7 @@ class Interactive:
     picture  the newest one; None before the first
     message  what is being done when it isn't rendering: "building", "compiling (first time only)"; else empty
     error    why what was shown last can't be rendered; None where it can
+    paused   whether it is
 
     Of a scene only what was replaced is looked at: parts that are the same objects as before are taken for unchanged.
     Always by the compiled road, and without adaptive sampling, time limit and passes.
@@ -49,7 +50,7 @@ class Interactive:
         self._wanted: _Job | None = None
         self._job: _Job | None = None  # that is worked on
         self._seen = False  # a picture of it: from then on it may be interrupted
-        self._closed = False
+        self._closed = self.paused = False
         self._halt_pass, self._halt_build = np.zeros(1, np.uint8), np.zeros(1, np.uint8)
         # A daemon: when the program ends it waits for no picture, only for a compilation that is under way.
         self._thread = threading.Thread(target=self._run, name="Lobe viewport", daemon=True)
@@ -62,6 +63,16 @@ class Interactive:
             self._wanted = _Job(scene, settings)
             if self._seen and not (self._job and self._wanted.only_samples_differ(self._job)):
                 self._halt_pass[0] = 1
+            self._news.notify()
+
+    def pause(self) -> None:
+        """Trace nothing from the next picture on, until `resume`: that goes on where it was."""
+        with self._news:
+            self.paused = True
+
+    def resume(self) -> None:
+        with self._news:
+            self.paused = False
             self._news.notify()
 
     def close(self, patience: float = 0.5) -> bool:
@@ -93,7 +104,7 @@ class Interactive:
     def _next(self) -> _Job | None:
         """Wait for something to do; None once it is over."""
         with self._news:
-            while self._wanted is None and not self._closed:
+            while (self._wanted is None or self.paused) and not self._closed:
                 self._news.wait()
             if self._closed:
                 return None
@@ -107,6 +118,8 @@ class Interactive:
         self._changed()
         with self._news:
             self._seen = True
+            if self.paused and self._wanted is None:
+                self._wanted = self._job
             return self._wanted is not None or self._closed
 
     def _say(self, message: str) -> None:

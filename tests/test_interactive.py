@@ -299,6 +299,34 @@ def test_parts_that_were_checked_are_not_checked_again_but_others_are(watcher):
         watcher.show(replace(scene, world=World(color=(np.nan, 0.0, 0.0))))
 
 
+def test_a_pause_goes_on_where_it_was(watcher):
+    scene, settings = room(), replace(QUICK, samples=1 << 11)
+    watcher.interactive.show(scene, settings)
+    watcher.wait_for(lambda: watcher.pictures and watcher.pictures[-1].samples > 0)
+    watcher.interactive.pause()
+    while (seen := len(watcher.pictures)) != (time.sleep(1.0) or len(watcher.pictures)):
+        pass  # the pass that was under way
+    before = watcher.pictures[-1].samples
+    assert 0 < before < settings.samples
+    watcher.interactive.resume()
+    watcher.wait_for(lambda: watcher.pictures[-1].samples == settings.samples)
+    assert watcher.pictures[seen].samples > before
+    assert np.array_equal(watcher.pictures[-1].pixels, render(scene, settings).pixels)
+
+
+def test_what_is_shown_in_a_pause_is_rendered_after_it(watcher):
+    scene = room()
+    watcher.show(scene)
+    watcher.interactive.pause()
+    seen, moved = len(watcher.pictures), moved_camera(scene, 0.1)
+    watcher.interactive.show(moved, QUICK)
+    time.sleep(0.5)
+    assert len(watcher.pictures) == seen
+    watcher.interactive.resume()
+    watcher.wait_for(lambda: len(watcher.pictures) > seen and watcher.pictures[-1].samples == QUICK.samples)
+    assert np.array_equal(watcher.pictures[-1].pixels, render(moved, QUICK).pixels)
+
+
 def test_close_ends_the_threads():
     before = set(threading.enumerate())
     watcher = Watcher()

@@ -40,7 +40,7 @@ class Figures:
     """Lobe's against Cycles'. nan: not known, as an engine's renders are the same, or too short to be timed."""
 
     mean_difference: float  # of the pictures' means, relative to Cycles'
-    mean_difference_error: float  # its standard error
+    mean_difference_error: float  # its standard error, from two renders of each: of two degrees of freedom
     rel_mse: float  # of the two pictures that are shown: the difference, and the noise of both
     difference: float  # on that scale, the noise taken off; chance may put it below zero
     difference_error: float  # its standard error, from its spread over the pixels

@@ -19,8 +19,8 @@ OSL_IS_SLOWER = (
     "For the exact Phong lobe Cycles shades with Open Shading Language, which slows it: with a Glossy BSDF it would "
     "take less time, and draw something else"
 )
-# Whose settings are shown: the rest is Blender's own, and changes no figure.
-ENGINES = {"cycles": "Cycles", "lobe": "Lobe"}
+# Whose settings they are, by where in the scene.
+OWNERS = {"cycles": "Cycles", "lobe": "Lobe", "render": "Blender"}
 
 
 class CompareError(Exception):
@@ -163,10 +163,10 @@ def changed(changes: list[Change]) -> list[tuple[str, str, str]]:
         if change.kind != "Scene":
             found = counted.setdefault((change.kind, change.label), (set(), _shown(change.during)))
             found[0].add(change.datablock)
-        elif change.path in ENGINES and change.key != "seed":  # of which each render has another
+        elif change.key != "seed":  # of which each render has another
             place = change.path, change.key
             before = settings[place][1] if place in settings else _shown(change.before)
-            settings[place] = f"{ENGINES[change.path]}: {change.label}", before, _shown(change.during)
+            settings[place] = f"{OWNERS[change.path]}: {change.label}", before, _shown(change.during)
     rows = [row for row in settings.values() if row[1] != row[2]]
     for (kind, label), (datablocks, during) in counted.items():
         number = len(datablocks)

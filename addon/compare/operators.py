@@ -159,16 +159,19 @@ settings stay as they are"""
 def _show(context, strip) -> None:
     """The three pictures side by side, as an image of Blender's, in an image editor where there is a window.
 
-    Of a file in Blender's temporary folder: an image without one makes Blender ask at its end whether to save it.
+    It is packed: the file that it is read from lies in Blender's temporary folder, and is gone with it. (An image that
+    was never read from a file makes Blender ask at its end whether to save it.)
     """
     path = os.path.join(bpy.app.tempdir, "lobe_comparison.png")
     Path(path).write_bytes(pictures.png(strip))
     image = bpy.data.images.get(IMAGE)
-    if image is None or image.filepath != path:
+    if image is None:
         image = bpy.data.images.load(path)
         image.name = IMAGE
-    else:
+    else:  # which may be of another session of Blender's, with another folder
+        image.filepath = path
         image.reload()
+    image.pack()
     if bpy.app.background or context.window is None:
         return
     window, area = _image_editor(context)

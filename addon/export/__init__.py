@@ -11,7 +11,7 @@ from .kept import KeptLayers
 from .live import LiveExport, export_viewport_settings
 from .notes import Group, Note, Notes, grouped
 from .scene import export_scene
-from .settings import export_settings, film_exposure
+from .settings import export_settings, film_exposure, property_group
 from .stop import ExportStopped
 from .view import View, export_view
 
@@ -29,4 +29,5 @@ __all__ = [
     "export_viewport_settings",
     "film_exposure",
     "grouped",
+    "property_group",
 ]

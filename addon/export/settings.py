@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 from ...engine import Settings
+
+
+def property_group(scene, name: str) -> Any:
+    """`scene.lobe` or `scene.cycles`, of a scene that may be evaluated; None without that add-on.
+
+    The evaluated scene's own is what is animated. Where none was ever set it is the original's: to ask an evaluated
+    datablock for a group of properties that it hasn't makes one.
+    """
+    try:
+        return getattr(scene if scene.is_property_set(name) else scene.original, name)
+    except (TypeError, AttributeError):  # there is no such property
+        return None
 
 
 def export_settings(scene) -> Settings:
     """The settings of a Blender scene. Without the add-on's properties (not registered) the defaults hold."""
     render = scene.render
     values = {"threads": render.threads if render.threads_mode == "FIXED" else 0}
-    properties = getattr(scene, "lobe", None)
+    properties = property_group(scene, "lobe")
     for field in fields(Settings):
         if field.name != "threads" and hasattr(properties, field.name):
             values[field.name] = getattr(properties, field.name)
@@ -23,5 +36,4 @@ def film_exposure(scene) -> float:
 
     The view transform's exposure is not it: that is applied when the picture is shown.
     """
-    cycles = getattr(scene, "cycles", None)
-    return float(getattr(cycles, "film_exposure", 1.0))
+    return float(getattr(property_group(scene, "cycles"), "film_exposure", 1.0))

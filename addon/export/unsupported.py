@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from .notes import Notes
+from .settings import property_group
 
 CYCLES_BOUNCES = 1024  # Cycles' own limit of a lamp's or world's bounces, and its default: none
 CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; the engine's is 0
@@ -122,12 +123,16 @@ def _passes(owner) -> list[str]:
 
 def note_cycles_scene(scene, notes: Notes) -> None:
     """What Cycles' settings ask for that changes what is drawn. Those of its sampling are no wish of the scene's."""
-    cycles = getattr(scene, "cycles", None)
+    cycles = property_group(scene, "cycles")
     if cycles is None:
         return
     if not (cycles.caustics_reflective and cycles.caustics_refractive):
         notes.warn_scene("Cycles' caustics are switched off, which is not supported: light that mirrors throw is drawn")
     if cycles.use_fast_gi:
         notes.warn_scene("Cycles' Fast Global Illumination is not supported: all bounces are traced")
+    if scene.render.film_transparent and cycles.film_transparent_glass:
+        notes.warn_scene(
+            "Cycles' Transparent Glass is not supported: glass is drawn as transparent, with alpha to match"
+        )
     if scene.render.use_simplify and (cycles.use_camera_cull or cycles.use_distance_cull):
         notes.warn_scene("culling by the camera or by distance (Simplify) is not supported: every object is drawn")

@@ -17,6 +17,8 @@ BLENDER = shlex.split(os.environ.get("LOBE_BLENDER", "")) or [path for path in [
 # A program that can open a window: where there is a display it is the same.
 WITH_WINDOW = shlex.split(os.environ.get("LOBE_BLENDER_WINDOW", "")) or (BLENDER if os.environ.get("DISPLAY") else [])
 
+NO_WINDOW = "no Blender with a window: set LOBE_BLENDER_WINDOW to a command that opens Blender 4.2 or newer in one"
+
 Run = Callable[..., str]
 
 

@@ -12,6 +12,7 @@ import bpy
 import pytest
 
 from engine import CHOICES, RANGES, Settings
+from tests.blender.left_behind import snapshot
 from tools.lobe_blender import MODULE, build, product_files
 
 HEAVY = ("numba", "llvmlite", "embreex", "OpenImageIO", "scipy")
@@ -27,28 +28,6 @@ enable_lobe()
 bpy.context.scene.render.engine = "LOBE"
 print(json.dumps([[name for name in {HEAVY!r} if name in sys.modules], bpy.context.scene.lobe.samples]))
 """
-
-
-def snapshot() -> dict[str, object]:
-    """All that an add-on may leave behind in Blender."""
-    menu = bpy.types.NODE_MT_category_shader_shader
-    panels = [cls for cls in _subclasses(bpy.types.Panel) if hasattr(cls, "COMPAT_ENGINES")]
-    return {
-        "types": sorted(name for name in dir(bpy.types) if "lobe" in name.lower()),
-        "property": hasattr(bpy.types.Scene, "lobe") or hasattr(bpy.types.ViewLayer, "lobe"),
-        "panels": sorted({cls.__name__ for cls in panels if "LOBE" in cls.COMPAT_ENGINES and cls.is_registered}),
-        "menu": len(getattr(menu.draw, "_draw_funcs", [menu.draw])),
-        "handlers": [len(value) for value in map(bpy.app.handlers.__getattribute__, dir(bpy.app.handlers))
-                     if isinstance(value, list)],
-        "engine": any(getattr(cls, "bl_idname", "") == "LOBE" and cls.is_registered
-                      for cls in bpy.types.RenderEngine.__subclasses__()),
-    }  # fmt: skip
-
-
-def _subclasses(cls: type):
-    for sub in cls.__subclasses__():
-        yield sub
-        yield from _subclasses(sub)
 
 
 @pytest.fixture
@@ -68,11 +47,13 @@ def test_enabling_loads_no_compiler() -> None:
 def test_enabling_twenty_times_leaves_nothing_behind(disabled) -> None:
     before = snapshot()
     assert not before["types"] and not before["property"] and not before["panels"] and not before["engine"]
+    assert not before["presets"] and not before["process"]
     for _ in range(20):
         assert addon_utils.enable(MODULE) is not None
         enabled = snapshot()
         assert enabled["property"] and enabled["engine"] and "LOBE_RENDER_PT_sampling" in enabled["types"]
         assert "EEVEE_MATERIAL_PT_context_material" in enabled["panels"]
+        assert len(enabled["presets"]) == 1
         addon_utils.disable(MODULE)
     assert snapshot() == before
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import addon_utils
 import bpy
@@ -105,8 +106,32 @@ def test_a_comparison(scene) -> None:
     rows = {what: (was, during) for what, was, during in outcome.changed}
     assert rows["Cycles: Samples"] == ("77", "1024") and rows["Cycles: Use Denoising"] == ("on", "off")
     assert rows["Cycles: Clamp Indirect"] == ("10", "0") and rows["Lobe: Time Limit"] == ("100", "0")
-    assert not any("Seed" in what for what in rows)  # each render has another one
+    assert not any("Seed" in what or "Engine" in what for what in rows)  # each render has another one
     assert outcome.unmatched == []
+
+
+def test_every_setting_that_is_changed_is_listed(scene) -> None:
+    """Seen from outside: all that is different while it runs, but for seeds and the engine."""
+    upset(scene)
+    render = scene.render
+    render.use_multiview = render.use_compositing = render.use_sequencer = render.use_stamp_filename = True
+    render.use_crop_to_border = False
+
+    def seen() -> dict[tuple[str, str], object]:
+        parts = {"Cycles": scene.cycles, "Lobe": scene.lobe, "Blender": scene.render, "Scene": scene}
+        return {(name, key): value for name, owner in parts.items() for key, value in settings(owner).items()}
+
+    before = seen()
+    with compare.run.Keeper() as keeper:
+        compare.run.matching.prepare(scene, keeper, 1.0)
+        during = seen()
+        listed = [what for what, _, _ in compare.run.matching.changed(keeper.changes)]
+    assert seen() == before
+    parts = {"Cycles": scene.cycles, "Lobe": scene.lobe, "Blender": scene.render}
+    changed = [place for place, value in during.items() if value != before[place] and place[1] != "seed"]
+    names = {f"{name}: {parts[name].bl_rna.properties[key].name}" for name, key in changed}
+    assert {"Blender: Multiple Views", "Blender: Crop to Render Region", "Blender: Persistent Data"} <= names
+    assert names <= set(listed)
 
 
 TOO_SHORT = "The renders are too short to be timed, so there is no speed-up: take more samples"
@@ -134,6 +159,26 @@ def test_pictures_are_in_slots_and_side_by_side(scene) -> None:
     pixels = np.array(image.pixels[:]).reshape(24, -1, 4)[::-1]
     assert pixels[:, :32, :3] * 255 == pytest.approx(decoded(outcome.pictures["lobe"]), abs=0.6)
     assert pixels[:, -32:, :3] * 255 == pytest.approx(decoded(outcome.pictures["difference"]), abs=0.6)
+
+
+def test_the_picture_side_by_side_is_kept_in_the_file(scene, tmp_path) -> None:
+    """Blender's temporary folder goes; a comparison in a later session shows its own picture."""
+    bpy.ops.lobe.compare_with_cycles()
+    bpy.data.images[operators.IMAGE].use_fake_user = True  # as if an editor showed it
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "compared.blend"))
+    (Path(bpy.app.tempdir) / "lobe_comparison.png").unlink()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "compared.blend"))
+    image = bpy.data.images[operators.IMAGE]
+    assert tuple(image.size) == (3 * 32 + 2 * 8, 24) and np.any(np.array(image.pixels[:]) > 0.5)
+    image.filepath = str(tmp_path / "another session" / "lobe_comparison.png")
+    bpy.context.scene.render.resolution_x = 40
+    bpy.ops.lobe.compare_with_cycles()
+    assert sum(image.name.startswith(operators.IMAGE) for image in bpy.data.images) == 1
+    image = bpy.data.images[operators.IMAGE]
+    assert tuple(image.size) == (3 * 40 + 2 * 8, 24) and not image.is_dirty and len(image.packed_files) == 1
+    left = np.array(image.pixels[:]).reshape(24, -1, 4)[::-1, :40, :3] * 255
+    shown = decoded(operators.outcome_of(bpy.context.scene).pictures["lobe"])
+    assert left == pytest.approx(shown, abs=0.6)
 
 
 def decoded(content: bytes) -> np.ndarray:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.blender.real_blender import WITH_WINDOW, install
+from tests.blender.real_blender import NO_WINDOW, WITH_WINDOW, install
 
-pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason="no Blender with a window: set LOBE_BLENDER_WINDOW")
+pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason=NO_WINDOW)
 
 
 @pytest.fixture(scope="module")

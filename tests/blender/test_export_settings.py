@@ -7,7 +7,7 @@ import dataclasses
 import bpy
 import pytest
 from bl_ext.user_default.lobe import engine
-from bl_ext.user_default.lobe.addon.export import export_scene, export_settings
+from bl_ext.user_default.lobe.addon.export import export_scene, export_settings, film_exposure
 
 from tests.blender.export_checks import add_camera, add_object, depsgraph, plane_mesh
 
@@ -45,6 +45,27 @@ def test_every_setting_arrives():
     settings = export_settings(bpy.context.scene)
     assert settings == engine.Settings(**values)
     settings.validate()
+
+
+def test_an_export_makes_no_groups_of_properties_in_the_evaluated_scene():
+    """Nobody is known to free them."""
+    bpy.context.window.scene = scene = bpy.data.scenes.new("Untouched")
+    add_camera()
+    assert not scene.is_property_set("lobe") and not scene.is_property_set("cycles")
+    evaluated = depsgraph().scene_eval
+    export_scene(depsgraph())
+    assert export_settings(evaluated) == export_settings(scene)
+    assert not evaluated.is_property_set("lobe") and not evaluated.is_property_set("cycles")
+
+
+def test_what_is_animated_is_read_from_the_evaluated_scene():
+    scene = bpy.context.scene
+    scene.lobe.driver_add("seed").driver.expression = "frame + 5"
+    scene.cycles.film_exposure = 1.0
+    scene.frame_set(4)
+    evaluated = depsgraph().scene_eval
+    scene.lobe.seed, scene.cycles.film_exposure = 1, 3.0  # not evaluated yet
+    assert export_settings(evaluated).seed == 9 and film_exposure(evaluated) == 1.0
 
 
 def test_threads_are_blenders():

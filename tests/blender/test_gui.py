@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.blender.real_blender import WITH_WINDOW, read_bytes, runner, this_package
+from tests.blender.real_blender import NO_WINDOW, WITH_WINDOW, read_bytes, runner, this_package
 
-pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason="no Blender with a window: set LOBE_BLENDER_WINDOW")
+pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason=NO_WINDOW)
 
 LOOKED_AT = ("viewport", "freed", "orbited", "edited")
 

@@ -186,6 +186,7 @@ NAMED = {
     "caustics off": (
         cycles(lambda: bpy.context.scene, caustics_reflective=False), "caustics are switched off", "WARNING"),
     "fast GI": (cycles(lambda: bpy.context.scene, use_fast_gi=True), "Fast Global Illumination", "WARNING"),
+    "transparent glass": (None, "Transparent Glass is not supported", "WARNING"),
     "camera culling": (None, "culling by the camera", "WARNING"),
     "panorama": (put(lambda: bpy.data.cameras["Camera"], type="PANO"), "type pano is not supported", "WARNING"),
     "passes": (put(layer, use_pass_vector=True), "these passes are not supported: Vector", "WARNING"),
@@ -283,6 +284,11 @@ def _():
     else:
         bpy.context.scene.cycles.feature_set = "EXPERIMENTAL"
         plane().cycles.use_adaptive_subdivision = True
+
+
+@makes("transparent glass")
+def _():
+    bpy.context.scene.render.film_transparent = bpy.context.scene.cycles.film_transparent_glass = True
 
 
 @makes("camera culling")

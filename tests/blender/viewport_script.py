@@ -17,9 +17,13 @@ import gpu
 import numpy as np
 from mathutils import Quaternion
 
-SEEN: dict = {"threads": {}, "picture": {}, "milliseconds": {}, "standstill": {}}
+sys.path.insert(0, str(Path(__file__).parent))  # where `left_behind` is copied to, too
+SEEN: dict = {"threads": {}, "picture": {}, "milliseconds": {}, "standstill": {}, "exports": {}, "draws": {}}
 PATIENCE = 240.0  # seconds: the first step compiles
 drawn: list = []  # (time, Picture) of every picture that was new when it was drawn
+draws: list = []  # (Picture, width and height of the region) of every time that Blender drew
+exports: list = []  # a list of instances for each time that all of them were walked
+icons: list = []  # the names of what `Session` rendered as previews
 view_pixels: list[np.ndarray] = []  # of the region as it was drawn last, scene-linear
 
 
@@ -52,6 +56,7 @@ def watch_drawing() -> None:
     def draw(self, picture, view):
         new = picture is not self._picture
         whole(self, picture, view)
+        draws.append((picture, (view.width, view.height)))
         if new:
             drawn.append((time.perf_counter(), picture))
         buffer = gpu.state.active_framebuffer_get().read_color(0, 0, view.width, view.height, 4, 0, "FLOAT")
@@ -59,6 +64,25 @@ def watch_drawing() -> None:
         view_pixels[:] = [np.array(buffer, np.float32).reshape(view.height, view.width, 4)]
 
     Drawing.draw = draw
+
+
+def watch_exports() -> None:
+    """Count the walks over the scene's objects, and the icons that Lobe renders."""
+    from bl_ext.user_default.lobe.addon.export.instances import Placement
+    from bl_ext.user_default.lobe.addon.session import Session
+
+    collect, render = Placement._collect, Session.render
+
+    def collected(self, items):
+        exports.append(collect(self, items))
+        return exports[-1]
+
+    def rendered(self, report):
+        render(self, report)
+        if self.engine.is_preview and self.scene is not None:
+            icons.append([material.name for material in self.scene.materials])
+
+    Placement._collect, Session.render = collected, rendered
 
 
 def until(condition):
@@ -80,7 +104,7 @@ def finished() -> bool:
 def step(name: str, change):
     """Change something, wait for its first picture and its last, and note what is seen."""
     print("step", name, flush=True)
-    first, begun = len(drawn), time.perf_counter()
+    first, first_draw, first_export, begun = len(drawn), len(draws), len(exports), time.perf_counter()
     change()
     for area in areas():
         area.tag_redraw()
@@ -97,6 +121,8 @@ def step(name: str, change):
         "seen": view_pixels[0][..., :3].mean(axis=(0, 1)).tolist(),
     }
     SEEN["threads"][name] = threads()
+    SEEN["exports"][name] = len(exports) - first_export
+    SEEN["draws"][name] = [(old is drawn[first - 1][1] if first else False, size) for old, size in draws[first_draw:]]
 
 
 def make_scene(rings: int) -> None:
@@ -106,6 +132,8 @@ def make_scene(rings: int) -> None:
     bpy.ops.mesh.primitive_uv_sphere_add(segments=2 * rings, ring_count=rings, location=(2.5, 0, 0.5))
     bpy.ops.mesh.primitive_plane_add(size=20, location=(0, 0, -1))
     bpy.data.materials["Material"].use_nodes = True
+    SEEN["blender"] = bpy.app.version_string
+    SEEN["triangles"] = sum(len(face.vertices) - 2 for data in bpy.data.meshes for face in data.polygons)
 
 
 def orbit(seconds: float):
@@ -123,6 +151,7 @@ def steps():
     bpy.context.preferences.view.show_splash = False
     make_scene(int(sys.argv[-1]))
     watch_drawing()
+    watch_exports()
     SEEN["threads"]["before"] = threads()
     view, data = areas()[0].spaces.active.region_3d, bpy.data
     yield from step("rendered", lambda: shading("RENDERED"))
@@ -157,12 +186,14 @@ def steps():
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     yield 1.0
     SEEN["threads"]["another file"] = threads()
+    yield from on_and_off()
 
 
 def previews():
     """The icons of a material and a world: how much their pixels vary, which those of an empty one don't."""
-    SEEN["preview"] = {}
+    SEEN["preview"], SEEN["icons"] = {}, {}
     for datablock in (bpy.data.materials["Material"], bpy.data.worlds[0]):
+        before = len(icons)
         with bpy.context.temp_override(id=datablock):
             bpy.ops.ed.lib_id_generate_preview()
 
@@ -171,10 +202,34 @@ def previews():
             return np.array(preview.image_pixels_float[:], np.float32)
 
         begun = time.perf_counter()
-        while not np.any(pixels()) and time.perf_counter() - begun < 60:
+        while not (len(icons) > before and pixels().std() > 0.01) and time.perf_counter() - begun < 60:
             yield 0.1
         yield 1.0
         SEEN["preview"][datablock.name] = float(pixels().std())
+        SEEN["icons"][datablock.name] = icons[before:]
+
+
+def on_and_off():
+    """Twenty times, the last ones with a viewport that Lobe renders."""
+    import addon_utils
+    from left_behind import MODULE, snapshot
+
+    addon_utils.disable(MODULE)
+    yield 0.5
+    SEEN["before"] = snapshot()
+    for number in range(20):
+        addon_utils.enable(MODULE, default_set=True)
+        if number >= 15:
+            bpy.context.window_manager.windows[0].scene.render.engine = "LOBE"
+            shading("RENDERED")
+            yield 0.5
+        if number in (0, 15):
+            SEEN["enabled" if number == 0 else "rendering"] = snapshot()
+        addon_utils.disable(MODULE)
+        yield 0.1
+        shading("SOLID")
+    yield 1.0
+    SEEN["after"] = snapshot()
 
 
 def split() -> None:

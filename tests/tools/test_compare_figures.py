@@ -165,6 +165,7 @@ def test_the_page_needs_nothing_else(outcome):
     assert "material &#x27;M&lt;1&gt;&#x27;: bump is not drawn" in text
     assert "Cycles: Seed" in text and "prefers-color-scheme: dark" in text
     assert page.times(outcome.figures.speedup) in text
+    assert "comes from two renders of each engine alone" in text
     assert 'type="range"' in text
 
 
