@@ -21,7 +21,7 @@ HEADINGS = {
     WARNING: "Not drawn as asked",
     SKIPPED: "Left out, which changes nothing",
 }
-NAMES_A_LINE = 8  # of the command line; the text has all
+NAMES_A_LINE = 8  # of the command line
 REDRAW_INTERVAL = 0.5  # seconds
 
 _SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) ({QUOTED}): (.*)", re.DOTALL)
