@@ -7,11 +7,13 @@ from ..engine import LobeError
 
 def is_defect(error: BaseException) -> bool:
     """Whether it is Lobe that is at fault, so that the console should have the whole of it."""
-    return not isinstance(error, LobeError)
+    return not isinstance(error, LobeError | MemoryError)
 
 
 def message_of(error: BaseException) -> str:
     """With what it happened at, where the export knows that (see `export/faults.py`)."""
+    if isinstance(error, MemoryError):  # where nothing more is known: most places raise a LobeError for it
+        return "not enough memory: close other programs, or show fewer objects"
     if not is_defect(error):
         return str(error)
     what = (str(error).splitlines() or [""])[0]  # of a compiler's error the rest is pages

@@ -217,6 +217,14 @@ def test_an_export_that_finds_no_memory_names_what_it_was_for(scene, what, monke
     assert "Traceback" not in capfd.readouterr().err
 
 
+def test_too_little_memory_for_many_objects_is_no_bug(scene, monkeypatch, capfd) -> None:
+    """Where no single datablock is at fault."""
+    for name in ("matrices_at_once", "matrices_one_by_one"):
+        monkeypatch.setattr(instances, name, too_much)
+    assert refused() == "Error: not enough memory: close other programs, or show fewer objects"
+    assert "Traceback" not in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("phase", PHASES[1:])
 def test_a_defect_in_the_engine_leaves_the_next_render_whole(scene, rendered, phase, monkeypatch) -> None:
     whole = rendered(scene)
