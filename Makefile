@@ -17,8 +17,9 @@ render: $(INSTALLED)
 	mkdir -p out
 	$(RUN) tools/render.py sample_blends/plates_phong.blend -o out/plates_phong.png -o out/plates_phong.exr
 
+# By default files with few tests come last, and the slowest are among them.
 test: lint types
-	$(RUN) -m pytest -n 2 --dist loadfile
+	$(RUN) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 test-long: $(INSTALLED)
 	status=0; \
