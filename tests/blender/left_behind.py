@@ -17,6 +17,7 @@ def snapshot() -> dict[str, object]:
     menu = bpy.types.NODE_MT_category_shader_shader
     panels = [cls for cls in _subclasses(bpy.types.Panel) if hasattr(cls, "COMPAT_ENGINES")]
     handlers = [getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)]
+    users_own = bpy.utils.user_resource("SCRIPTS")  # presets that the user has saved stay
     return {
         "types": sorted(name for name in dir(bpy.types) if "lobe" in name.lower()),
         "property": any(hasattr(owner, "lobe") for owner in (bpy.types.Scene, bpy.types.ViewLayer)),
@@ -28,7 +29,7 @@ def snapshot() -> dict[str, object]:
             for cls in bpy.types.RenderEngine.__subclasses__()
         ),
         "timers": sorted(name for name, function in _functions() if bpy.app.timers.is_registered(function)),
-        "presets": sorted(bpy.utils.preset_paths("lobe/sampling")),
+        "presets": sorted(path for path in bpy.utils.preset_paths("lobe/sampling") if not path.startswith(users_own)),
         "process": _children(),
         "threads": sorted(thread.name for thread in threading.enumerate() if thread.name.lower().startswith("lobe")),
         "variables": sorted(name for name in os.environ if name.startswith("LOBE_")),
