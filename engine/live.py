@@ -148,6 +148,9 @@ class Live:
         if threads != self._threads:
             self._pool.shutdown(wait=True)
             self._threads, self._pool = threads, ThreadPoolExecutor(threads, thread_name_prefix="Lobe viewport")
+        if self._packed is None:
+            for load in small_functions(scene, self._halt_build):
+                self._do(compiling, load)
         self._packed = self._do(lambda _: "building", self._pack, scene, settings)
         if self._packed.features not in self._loaded:
             self._do(compiling, get_kernel, self._packed, settings, self._halt_build)
@@ -156,8 +159,6 @@ class Live:
     def _pack(self, scene: Scene, settings: Settings) -> Packed:
         if self._packed is not None:
             return pack_again(self._packed, scene, settings, self._halt_build)
-        for load in small_functions(scene, self._halt_build):
-            load()
         return pack(scene, settings, self._halt_build)
 
     def _do(self, message: Callable[[float], str], function: Callable, *arguments):
