@@ -23,6 +23,7 @@ from .scene import Instances, Scene, World
 from .schedule import (
     PASS_SAMPLES,
     TILE_SAMPLES,
+    TILES_PER_THREAD,
     Shared,
     compiling,
     get_kernel,
@@ -37,7 +38,6 @@ COARSEST = 16  # pixels of the picture that are one of the first pass, along eac
 UNKNOWN = 8  # the same before anything was measured
 PASS_SECONDS = 0.5  # of the passes that follow, if more than one sample fits: how often the picture grows finer
 ANNOUNCE_SECONDS = 0.3  # what takes longer has a message
-TILES_PER_THREAD = 8  # at least, so that the threads end a small pass together
 
 
 class Live:

@@ -45,6 +45,7 @@ FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a pic
 PASS_SAMPLES = 32  # samples of every pass after them
 TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
 TILES = 64  # at least, also in small pictures, as long as they fill a batch of paths
+TILES_PER_THREAD = 8  # at least, so that the threads end a pass together
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
@@ -320,10 +321,13 @@ def schedule(total: int) -> Iterator[tuple[int, int]]:
         first += count
 
 
-def tiles_of(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[int, int, int, int]]:
-    """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets."""
+def tiles_of(
+    region: tuple[int, int, int, int], samples: int, least: int = TILES
+) -> Iterator[tuple[int, int, int, int]]:
+    """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets; `least` of them where
+    there are pixels enough. How a picture is cut changes none of its bits."""
     x0, y0, x1, y1 = region
-    size = min(max((x1 - x0) * (y1 - y0) * samples // TILES, BATCH), TILE_SAMPLES)
+    size = min(max((x1 - x0) * (y1 - y0) * samples // least, BATCH), TILE_SAMPLES)
     side = max(4, 1 << ((size // samples).bit_length() // 2))
     for y in range(y0, y1, side):
         for x in range(x0, x1, side):
