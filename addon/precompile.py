@@ -29,7 +29,7 @@ def register() -> None:
     ):
         os.environ[CACHE_VARIABLE] = folder
         _own_variable = True
-    if not bpy.app.background and os.access(sys.executable, os.X_OK):
+    if not bpy.app.background and _has_python():
         lobe.compile_elsewhere(_command(), _environment())
         start()
 
@@ -49,7 +49,7 @@ def start() -> None:
     """Start the process, unless these kernels were compiled before or there is nowhere to keep the result."""
     global _process
     folder = os.environ.get(CACHE_VARIABLE)
-    if not folder or not os.access(sys.executable, os.X_OK) or os.path.exists(_stamp(folder)):
+    if not folder or not _has_python() or os.path.exists(_stamp(folder)):
         return
     import atexit
     import subprocess
@@ -87,6 +87,12 @@ def _windows(flag: str) -> int:
     import subprocess
 
     return getattr(subprocess, flag, 0)  # other systems don't have them
+
+
+def _has_python() -> bool:
+    """Where Blender comes without one, `sys.executable` may be empty, or Blender itself, which would open once more."""
+    executable = sys.executable or ""
+    return os.path.basename(executable).lower().startswith("python") and os.access(executable, os.X_OK)
 
 
 def _command() -> list[str]:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from .elsewhere import compile_elsewhere
 from .errors import LobeError, SceneError, SettingsError, told_of_memory
 from .interactive import Interactive
+from .memory import foresee
 from .passes import PASSES
 from .prepared import Prepared
 from .result import Picture, Progress, Result
@@ -65,6 +66,7 @@ __all__ = [
     "Visibility",
     "World",
     "compile_elsewhere",
+    "foresee",
     "precompile",
     "render",
 ]

@@ -12,6 +12,7 @@ import hashlib
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows a program o
 
 _command: tuple[str, ...] = ()
 _environment: dict[str, str] | None = None
+_one_at_a_time = threading.Lock()  # the viewport and a render may want the same kernel
 
 
 class CompilationStopped(Exception):
@@ -43,14 +45,20 @@ def compiled(kernel: dict[str, Any], folder: Path | None, stop: Callable[[], boo
     """
     if not _command or folder is None or _marker(kernel, folder).exists():
         return
+    while not _one_at_a_time.acquire(timeout=POLL_SECONDS):
+        if stop():
+            raise CompilationStopped
     try:
-        process = subprocess.Popen(
-            [*_command, json.dumps(kernel)],
-            env=_environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            creationflags=NO_WINDOW,
-        )
+        if not _marker(kernel, folder).exists():
+            _run([*_command, json.dumps(kernel)], stop)
+    finally:
+        _one_at_a_time.release()
+
+
+def _run(command: list[str], stop: Callable[[], bool]) -> None:
+    nothing = subprocess.DEVNULL
+    try:
+        process = subprocess.Popen(command, env=_environment, stdin=nothing, stdout=nothing, creationflags=NO_WINDOW)
     except OSError:
         return
     try:

@@ -48,7 +48,10 @@ class Features(NamedTuple):
 
     def skipped(self) -> list[str]:
         """What the kernel for this scene leaves out, as the render report lists it."""
-        return [text for name, text in _LEFT_OUT.items() if not getattr(self, name)]
+        left_out = [text for name, text in _LEFT_OUT.items() if not getattr(self, name)]
+        return (
+            left_out if self.emitter_choice == EMITTER_TREE else [*left_out, "light tree: there is no choice of lights"]
+        )
 
 
 _LEFT_OUT = {
@@ -57,9 +60,13 @@ _LEFT_OUT = {
     "instances": "instance transforms: no mesh is shared",
     "transparency": "transparent shadows: every surface is opaque",
     "mesh_emitters": "emissive surfaces: none",
+    "rectangle_emitters": "emissive rectangles: none",
     "lamp_kinds": "lamps: none",
+    "lamp_shapes": "lamps that rays can meet: none has a size",
+    "unshadowed": "lamps without shadows: none",
     "ray_kinds": "kinds of rays: diffuse and glossy ones see the same and go as far",
     "suns": "suns: none",
+    "sun_disks": "disks of suns: none has an angle",
     "world": "world light: the world is black",
     "lens": "depth of field: the lens is a pinhole",
     "transparent_film": "film alpha: the film is opaque",

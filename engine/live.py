@@ -23,6 +23,7 @@ from .scene import Instances, Scene, World
 from .schedule import (
     PASS_SAMPLES,
     TILE_SAMPLES,
+    TILES_PER_THREAD,
     Shared,
     compiling,
     get_kernel,
@@ -37,7 +38,6 @@ COARSEST = 16  # pixels of the picture that are one of the first pass, along eac
 UNKNOWN = 8  # the same before anything was measured
 PASS_SECONDS = 0.5  # of the passes that follow, if more than one sample fits: how often the picture grows finer
 ANNOUNCE_SECONDS = 0.3  # what takes longer has a message
-TILES_PER_THREAD = 8  # at least, so that the threads end a small pass together
 
 
 class Live:
@@ -148,6 +148,9 @@ class Live:
         if threads != self._threads:
             self._pool.shutdown(wait=True)
             self._threads, self._pool = threads, ThreadPoolExecutor(threads, thread_name_prefix="Lobe viewport")
+        if self._packed is None:
+            for load in small_functions(scene, self._halt_build):
+                self._do(compiling, load)
         self._packed = self._do(lambda _: "building", self._pack, scene, settings)
         if self._packed.features not in self._loaded:
             self._do(compiling, get_kernel, self._packed, settings, self._halt_build)
@@ -156,8 +159,6 @@ class Live:
     def _pack(self, scene: Scene, settings: Settings) -> Packed:
         if self._packed is not None:
             return pack_again(self._packed, scene, settings, self._halt_build)
-        for load in small_functions(scene, self._halt_build):
-            load()
         return pack(scene, settings, self._halt_build)
 
     def _do(self, message: Callable[[float], str], function: Callable, *arguments):

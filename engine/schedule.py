@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,7 @@ FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a pic
 PASS_SAMPLES = 32  # samples of every pass after them
 TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
 TILES = 64  # at least, also in small pictures, as long as they fill a batch of paths
+TILES_PER_THREAD = 8  # at least, so that the threads end a pass together
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
@@ -136,11 +137,6 @@ class _Render:
         self.halt = np.zeros(1, np.uint8)
         self.counted = np.zeros(COUNTERS, np.int64)
 
-    @cached_property
-    def film(self) -> Film:
-        """Made when the scene is packed: what both take is foreseen while there is neither."""
-        return Film(self.scene.render_region, self.scene.exposure, self.settings.passes)
-
     def run(self) -> Result:
         result = self.result
         try:
@@ -157,14 +153,26 @@ class _Render:
         finally:
             self.halt[0] = 1
             self.pool.shutdown(wait=False, cancel_futures=True)
-        film = self.film
-        result.pixels, result.passes = film.pixels(), film.pass_pictures()
-        result.samples = float(film.samples.mean()) if film.samples.size else 0.0
+        self._develop()
         if result.rejected:
             result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
         if problem := lost_cache():
             result.warnings.append(problem)
         return result
+
+    def _develop(self) -> None:
+        """The pictures for the result. Where the render was stopped before there was a film, each is a view of one
+        pixel without a sample: the thread that goes on with the build may have taken the memory."""
+        x0, y0, x1, y1 = self.scene.render_region
+        film = self.watch.film or Film((x0, y0, x0 + 1, y0 + 1), self.scene.exposure, self.settings.passes)
+        result, size = self.result, (y1 - y0, x1 - x0)
+        result.pixels, result.passes = film.pixels(), film.pass_pictures()
+        if self.watch.film is None:
+            result.pixels = np.broadcast_to(result.pixels, (*size, result.pixels.shape[-1]))
+            result.passes = {
+                name: np.broadcast_to(picture, (*size, picture.shape[-1])) for name, picture in result.passes.items()
+            }
+        result.samples = float(film.samples.mean()) if film.samples.size else 0.0
 
     @contextlib.contextmanager
     def _timed(self, phase: str) -> Iterator[None]:
@@ -194,19 +202,22 @@ class _Render:
     def _passes(self, packed: Packed) -> None:
         """All samples of all pixels, pass by pass."""
         settings, watch = self.settings, self.watch
-        watch.show(self.film)
-        adaptive = AdaptiveSampling(self.film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
+        film = Film(self.scene.render_region, self.scene.exposure, settings.passes)  # foreseen, while there was none
+        watch.show(film)
+        adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
         for first, count in schedule(settings.samples):
-            self._one_pass(packed, adaptive, first, count)
+            self._one_pass(packed, film, adaptive, first, count)
             watch.tell(RENDERING, force=first == 0)
             watch.ask()  # a pass may be over before anybody asked
             if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
                 return
 
-    def _one_pass(self, packed: Packed, adaptive: AdaptiveSampling | None, first: int, count: int) -> None:
+    def _one_pass(self, packed: Packed, film: Film, adaptive: AdaptiveSampling | None, first: int, count: int) -> None:
         """Samples first .. first + count of the picture, on all threads."""
-        tiles = Shared(tiles_of(self.film.region, count))
-        futures = [self.pool.submit(self._work, packed, adaptive, tiles, first, count) for _ in range(self.threads)]
+        tiles = Shared(tiles_of(film.region, count))
+        futures = [
+            self.pool.submit(self._work, packed, film, adaptive, tiles, first, count) for _ in range(self.threads)
+        ]
         try:
             self.watch.wait_for(futures, lambda _: RENDERING)
         finally:
@@ -215,11 +226,13 @@ class _Render:
             wait(futures)
             self._count([future.result() for future in futures if future.exception() is None])
 
-    def _work(self, packed: Packed, adaptive, tiles: Iterator, first: int, count: int) -> tuple[int, np.ndarray]:
+    def _work(
+        self, packed: Packed, film: Film, adaptive, tiles: Iterator, first: int, count: int
+    ) -> tuple[int, np.ndarray]:
         """One thread's part of a pass. Returns the rays traced and the kernel's counters."""
         # The first pass is finished in any case: a picture with holes is none.
         deadline = self.watch.deadline if first > 0 else np.inf
-        return render_tiles(packed, self.settings, self.film, adaptive, tiles, first, count, self.halt, deadline)
+        return render_tiles(packed, self.settings, film, adaptive, tiles, first, count, self.halt, deadline)
 
     def _count(self, work: list[tuple[int, np.ndarray]]) -> None:
         for rays, counters in work:
@@ -308,10 +321,13 @@ def schedule(total: int) -> Iterator[tuple[int, int]]:
         first += count
 
 
-def tiles_of(region: tuple[int, int, int, int], samples: int) -> Iterator[tuple[int, int, int, int]]:
-    """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets."""
+def tiles_of(
+    region: tuple[int, int, int, int], samples: int, least: int = TILES
+) -> Iterator[tuple[int, int, int, int]]:
+    """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets; `least` of them where
+    there are pixels enough. How a picture is cut changes none of its bits."""
     x0, y0, x1, y1 = region
-    size = min(max((x1 - x0) * (y1 - y0) * samples // TILES, BATCH), TILE_SAMPLES)
+    size = min(max((x1 - x0) * (y1 - y0) * samples // least, BATCH), TILE_SAMPLES)
     side = max(4, 1 << ((size // samples).bit_length() // 2))
     for y in range(y0, y1, side):
         for x in range(x0, x1, side):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
-import time
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -48,24 +49,54 @@ def test_without_a_command_or_a_cache_it_compiles_here(started: Path, tmp_path: 
 
 
 def test_stopping_ends_the_process_at_once(tmp_path: Path) -> None:
-    elsewhere.compile_elsewhere([sys.executable, "-c", "import time; time.sleep(60)"])
-    begun = time.perf_counter()
+    file = tmp_path / "pid"
+    code = f"import os, time; open({str(file)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    elsewhere.compile_elsewhere([sys.executable, "-c", code])
     try:
         with pytest.raises(elsewhere.CompilationStopped):
+            elsewhere.compiled(KERNEL, tmp_path, lambda: bool(file.exists() and file.read_text()))
+    finally:
+        elsewhere.compile_elsewhere(())
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(file.read_text()), 0)
+
+
+def test_two_threads_start_one_process(started: Path, tmp_path: Path, monkeypatch) -> None:
+    run = elsewhere._run
+
+    def run_and_mark(command, stop) -> None:
+        run(command, stop)
+        elsewhere.mark(KERNEL, tmp_path)
+
+    monkeypatch.setattr(elsewhere, "_run", run_and_mark)
+    threads = [threading.Thread(target=elsewhere.compiled, args=(KERNEL, tmp_path, NEVER)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(started.read_text().splitlines()) == 1
+
+
+def test_who_waits_for_another_kernel_can_be_stopped(tmp_path: Path) -> None:
+    elsewhere.compile_elsewhere([sys.executable, "-c", "pass"])
+    try:
+        with elsewhere._one_at_a_time, pytest.raises(elsewhere.CompilationStopped):
             elsewhere.compiled(KERNEL, tmp_path, lambda: True)
     finally:
         elsewhere.compile_elsewhere(())
-    assert time.perf_counter() - begun < 30
 
 
 @pytest.mark.parametrize("command", [["a program that is not there"], [sys.executable, "-c", "raise SystemExit(3)"]])
-def test_where_the_process_fails_nothing_is_lost(command: list[str], tmp_path: Path) -> None:
+def test_where_the_process_fails_the_kernel_is_compiled_here(command: list[str], tmp_path: Path, monkeypatch) -> None:
+    from engine import Camera, Scene, Settings, render, schedule
+
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
     elsewhere.compile_elsewhere(command)
     try:
-        elsewhere.compiled(KERNEL, tmp_path, NEVER)
+        render(Scene(camera=Camera(), width=4, height=4), Settings(samples=1))
     finally:
         elsewhere.compile_elsewhere(())
-    assert not list(tmp_path.iterdir())  # so that this process marks it once it has compiled it
+    assert len(list(tmp_path.glob("*.compiled"))) == 1
 
 
 def test_a_render_marks_the_kernel_by_the_name_that_compiles_it(tmp_path: Path, monkeypatch) -> None:

@@ -12,6 +12,7 @@ import hashlib
 import os
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -144,6 +145,37 @@ def _own_cache() -> Iterator[None]:
             numba.config.CACHE_DIR = before
 
 
+def _one_writer_at_a_time(dispatcher):
+    """Numba numbers its files without a lock. Where two processes write at once, one number may go to two functions,
+    and one of them would be taken for the other from then on."""
+    file = dispatcher._cache._cache_file
+    save = file.save
+
+    def save_alone(key, data):
+        with alone(Path(f"{file._index_path}.lock")):
+            save(key, data)
+
+    file.save = save_alone
+    return dispatcher
+
+
+@contextlib.contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Waits until no other thread or process is in here with this file. Closing it lets go, as does the end of a
+    process."""
+    with path.open("ab") as file:
+        with contextlib.suppress(OSError):  # on a disk that knows no locks it is as it was without
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_LOCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 def device(function):
     """Compile a function that kernels call. Python cannot: there is nothing to call, and the process ends in a crash.
 
@@ -160,13 +192,13 @@ def device(function):
             return compile_to_the_end(signature)
 
     dispatcher.compile = compile_halfway
-    return dispatcher
+    return _one_writer_at_a_time(dispatcher)
 
 
 def kernel(function):
     """Compile a function that Python calls with packed arrays."""
     with _own_cache():
-        return numba.njit(**_OPTIONS)(function)
+        return _one_writer_at_a_time(numba.njit(**_OPTIONS)(function))
 
 
 def callback(signature: str):

@@ -46,6 +46,13 @@ def test_a_cache_folder_that_cannot_be_is_no_error(precompile, tmp_path: Path, m
     assert precompile._process is None
 
 
+@pytest.mark.parametrize("executable", ["", None, "/usr/bin/blender"])
+def test_without_a_python_there_is_no_process(precompile, executable, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "executable", executable)
+    precompile.start()
+    assert precompile._process is None
+
+
 def test_it_runs_once_for_the_same_kernels(precompile, tmp_path: Path) -> None:
     Path(precompile._stamp(str(tmp_path))).touch()
     precompile.start()

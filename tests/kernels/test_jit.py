@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 from pathlib import Path
 
 import numba
@@ -124,3 +126,22 @@ def test_functions_for_kernels_get_no_machine_code() -> None:
 
     assert has_machine_code(outer)
     assert not has_machine_code(inner)
+
+
+def test_two_that_write_at_once_get_files_of_their_own() -> None:
+    """Numba looks for a free number and takes it later, as two processes that compile may do at the same moment."""
+    file = jit.kernel(lambda x: x + 2)._cache._cache_file
+    load_index = file._load_index
+
+    def load_slowly():
+        index = load_index()
+        time.sleep(0.1)
+        return index
+
+    file._load_index = load_slowly
+    threads = [threading.Thread(target=file.save, args=(key, f"code of {key}")) for key in "abc"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [file.load(key) for key in "abc"] == ["code of a", "code of b", "code of c"]

@@ -133,9 +133,9 @@ def test_nor_does_it_with_rejection_sampling(scene, seed, x, y):
 
 
 def test_a_picture_that_depends_on_its_threads_is_noticed(monkeypatch):
-    def work(self, packed, adaptive, tiles, first, count, threads=set(), whole=schedule._Render._work):  # noqa: B006
+    def work(self, packed, film, adaptive, tiles, first, count, threads=set(), whole=schedule._Render._work):  # noqa: B006
         threads.add(threading.get_ident())
-        return whole(self, packed, adaptive, tiles, first + len(threads) - 1, count)
+        return whole(self, packed, film, adaptive, tiles, first + len(threads) - 1, count)
 
     monkeypatch.setattr(schedule._Render, "_work", work)
     with pytest.raises(AssertionError):
