@@ -10,6 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
 from ..engine import CHOICES, RANGES, Settings
+from .passes import update_sockets
 
 _DEFAULTS = Settings()
 VIEWPORT_SAMPLES = 64
@@ -98,6 +99,7 @@ class LobeSettings(bpy.types.PropertyGroup):
         "brings. Takes some seconds and a gigabyte of memory for a picture of full HD, and fine detail where the noise "
         "is strong. The view layer's pass Denoising Data saves edges from it",
         default=False,
+        update=update_sockets,
     )
     max_bounces: IntProperty(
         name="Total",
