@@ -808,6 +808,30 @@ def test_no_button_where_nothing_can_be_selected(scene, part, checked) -> None:
     assert {kind for kind, _ in with_buttons(part)} == {"image", "material"}
 
 
+def test_instances_are_walked_only_where_something_could_be_found(scene, part) -> None:
+    """Of an image that nothing but the world shows, and one that a material shows."""
+
+    class Depsgraph:
+        walks = 0
+
+        @property
+        def object_instances(self):
+            self.walks += 1
+            return iter(())
+
+    bpy.data.images.new("Sky", 8, 4)
+    feed("BsdfDiffuse", "ShaderNodeTexImage").image = bpy.data.images.new("Wood", 8, 4)
+    plane().data.materials.clear()
+    depsgraph, notes = Depsgraph(), part("export").Notes()
+    for name, walks in (("Sky", 0), ("Wood", 1)):
+        notes.warn("image", name, "UDIM tiles are not supported, only the first is read")
+        groups = part("export").grouped(notes.all[-1:])
+        assert part("ui.objects_of").selectable(bpy.context.view_layer, depsgraph, groups) == [False]
+        assert depsgraph.walks == walks
+        assert part("ui.objects_of").objects_of(bpy.context.view_layer, depsgraph, groups) == [[]]
+        assert depsgraph.walks == 2 * walks
+
+
 def test_the_button_says_when_nothing_is_left(scene, part, checked) -> None:
     plane().is_shadow_catcher = True
     checked()
