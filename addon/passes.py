@@ -86,11 +86,13 @@ def wanted_passes(view_layer) -> tuple[str, ...]:
 
 def register_passes(engine: bpy.types.RenderEngine, scene, view_layer) -> None:
     """Blender makes room in the render's result for what is named here, and sockets in the compositor."""
+    from .export.settings import property_group  # the export imports this module
+
     engine.register_pass(scene, view_layer, "Combined", 4, "RGBA", "COLOR")
     for name in wanted_passes(view_layer):
         kind = KINDS[name]
         engine.register_pass(scene, view_layer, blender_name(name), len(kind.channels), kind.channels, kind.type)
-    if scene.lobe.use_denoising:
+    if getattr(property_group(scene, "lobe"), "use_denoising", False):
         engine.register_pass(scene, view_layer, NOISY, 4, "RGBA", "COLOR")
 
 

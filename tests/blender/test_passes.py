@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -118,6 +119,18 @@ def test_a_box_of_lobes_own_makes_its_socket_at_once(simple_scene, owner: str, b
     for on in (True, False):
         setattr(properties, box, on)
         assert (name in sockets(node)) == on
+
+
+def test_registering_passes_makes_no_settings_in_an_evaluated_scene() -> None:
+    """Nobody would free them there."""
+    registered, graph = [], depsgraph()
+    fake = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_: registered.append(name))
+    addon_passes.register_passes(fake, graph.scene_eval, bpy.context.view_layer)
+    assert "Combined" in registered and addon_passes.NOISY not in registered
+    assert not graph.scene_eval.is_property_set("lobe")
+    bpy.context.scene.lobe.use_denoising = True
+    addon_passes.register_passes(fake, graph.scene_eval, bpy.context.view_layer)
+    assert registered[-1] == addon_passes.NOISY
 
 
 def test_what_passes_need_is_exported_only_where_they_are_ticked() -> None:
