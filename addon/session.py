@@ -22,7 +22,7 @@ from .passes import fill_passes, wanted_passes
 from .report import add_layer
 
 TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
-PATIENCE = 0.3  # seconds that a cancelled build or compilation is waited for before it is left to end by itself
+PATIENCE = 0.3  # seconds that a cancelled render is waited for before it is left to end by itself
 KEEPING = 30.0  # the same once it traces: then it only makes its picture and the passes, which are kept
 PREVIEW_SAMPLES = 32  # of the small pictures of materials
 
@@ -76,7 +76,7 @@ class Session:
             self._watch(worker, picture)
             with self._noting_errors():
                 result = worker.outcome()
-            if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
+            if result is None:  # cancelled before it traced, and left to end by itself
                 report["stopped"] = True
             else:
                 noisy = result.pixels
@@ -133,7 +133,7 @@ class Session:
         said_at = start
         while not worker.wait(TICK):
             if self.cancelled():
-                # A build or a compilation can't be interrupted: it ends in the background, unseen.
+                # A compilation in this process can't be interrupted: it ends in the background, unseen.
                 worker.stop(PATIENCE)
                 if worker.is_tracing():
                     worker.stop(KEEPING)
@@ -186,7 +186,7 @@ class _Worker:
         self._error: BaseException | None = None
         self._done = False
         self._stop = threading.Event()
-        # A daemon: when Blender is closed it waits for no picture, only for a compilation that is under way.
+        # A daemon: when Blender is closed it waits for no picture, only for a compilation in this process.
         self._thread = threading.Thread(
             target=self._run, args=(scene, settings, prepared), name="Lobe render", daemon=True
         )

@@ -52,7 +52,7 @@ class Interactive:
         self._seen = False  # a picture of it: from then on it may be interrupted
         self._closed = self._paused = False
         self._halt_pass, self._halt_build = np.zeros(1, np.uint8), np.zeros(1, np.uint8)
-        # A daemon: when the program ends it waits for no picture, only for a compilation that is under way.
+        # A daemon: when the program ends it waits for no picture, only for a compilation in this process.
         self._thread = threading.Thread(target=self._run, name="Lobe viewport", daemon=True)
         self._thread.start()
 
@@ -81,7 +81,8 @@ class Interactive:
             return self._paused and self._wanted is not None
 
     def close(self, patience: float = 0.5) -> bool:
-        """End the threads. Waits for them so many seconds, which only a compilation takes; True if they have ended."""
+        """End the threads. Waits for them so many seconds, which only a compilation in this process takes; True if they
+        have ended."""
         with self._news:
             self._closed = True
             self._halt_pass[0] = self._halt_build[0] = 1
