@@ -1,4 +1,4 @@
-"""Viewports beside a final render: they rest, and say so, for as long as one traces."""
+"""Viewports beside a final render: they rest, and say so, for as long as one traces. And they end before Lobe does."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
+import addon_utils
 import pytest
 
 from tools.lobe_blender import MODULE
@@ -82,7 +83,8 @@ class Rests:
     def resume(self) -> None:
         self.told.append("resume")
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self.told.append("close")
 
     @property
     def is_paused(self) -> bool:
@@ -145,3 +147,15 @@ def test_viewports_wait_for_the_last_of_two_renders(module, shown) -> None:
 
     assert render(module, trace).said == []
     assert shown.told[-1] == "resume"
+
+
+def test_viewports_end_before_what_compiles_for_them(shown, monkeypatch) -> None:
+    """Else they would begin to compile in Blender's process, which can't be interrupted."""
+    precompile = importlib.import_module(f"{MODULE}.addon.precompile")
+    unregister = precompile.unregister
+    monkeypatch.setattr(precompile, "unregister", lambda: shown.told.append("unregister") or unregister())
+    try:
+        addon_utils.disable(MODULE)
+        assert shown.told == ["close", "unregister"]
+    finally:
+        addon_utils.enable(MODULE, default_set=True)
