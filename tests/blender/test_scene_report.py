@@ -853,6 +853,23 @@ def test_the_report_as_a_text(scene, part, checked) -> None:
     assert "more" not in text.as_string()
 
 
+def test_texts_of_the_user_are_left_alone(scene, checked) -> None:
+    """Also a report that was renamed, and a copy of one."""
+    mine = bpy.data.texts.new("Scene Report")
+    mine.write("mine")
+    checked()
+    bpy.ops.lobe.report_as_text()
+    assert mine.as_string() == "mine" and len(bpy.data.texts) == 2
+    (report,) = (text for text in bpy.data.texts if text != mine)
+    for theirs in (report.copy(), report):
+        theirs.name = f"Kept {theirs.name}"
+        theirs.from_string("mine")
+        for _ in range(2):
+            bpy.ops.lobe.report_as_text()
+        assert theirs.as_string() == "mine"
+    assert len(bpy.data.texts) == 4
+
+
 def test_lines_are_broken_between_words(part) -> None:
     broken = part("ui.text").broken
     assert broken("one two three", 7, len) == ["one two", "three"]
