@@ -86,8 +86,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     adaptive_threshold: FloatProperty(
         name="Noise Threshold",
-        description="The error at which a pixel stops, as a part of the square root of its brightness: no unit; 0.01 "
-        "is below 1 % of white. Half of it takes four times as long. No pixel stops before 32 samples",
+        description="The noise at which a pixel stops, without unit: 0.01 is less than 1 % of white; dark pixels keep "
+        "more, for their brightness. Half of it takes four times as long. No pixel stops before 32 samples",
         precision=4,
         step=0.1,
         soft_max=0.1,

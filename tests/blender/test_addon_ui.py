@@ -151,7 +151,7 @@ TOLD = {
     "seed": ("which random numbers", "costs no time"),
     "time_limit": ("seconds", "keeps the noise of the samples that it got"),
     "use_adaptive_sampling": (f"before {MIN_SAMPLES} samples", "saves time"),
-    "adaptive_threshold": (f"no unit.*before {MIN_SAMPLES} samples", "four times as long"),
+    "adaptive_threshold": (f"without unit.*before {MIN_SAMPLES} samples", "four times as long"),
     "use_denoising": ("", "takes some seconds and a gigabyte"),
     "max_bounces": ("surfaces", "each bounce costs up to as much time as the one before"),
     "diffuse_bounces": ("how many of the bounces", "fewer take less time"),
