@@ -17,6 +17,7 @@ from .. import engine as lobe
 from . import scene_report
 from .denoise import DenoiseError, DenoiseStopped, denoise
 from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings, property_group
+from .faults import message_of
 from .memory import current_and_peak_mb
 from .passes import fill_passes, wanted_passes
 from .report import add_layer
@@ -104,12 +105,13 @@ class Session:
         try:
             guides = (result.passes.get(name) for name in ("DENOISING_ALBEDO", "DENOISING_NORMAL"))
             color = denoise(result.pixels[..., :3], *guides, threads=self.settings.threads, stop=self.cancelled)
+            result.pixels = np.concatenate([color, result.pixels[..., 3:]], axis=-1)
         except DenoiseError as error:
             result.warnings.append(f"the picture is not denoised: {error}")
+        except MemoryError:
+            result.warnings.append("the picture is not denoised: not enough memory")
         except DenoiseStopped:
             result.stopped = True
-        else:
-            result.pixels = np.concatenate([color, result.pixels[..., 3:]], axis=-1)
         result.seconds["denoise"] = time.perf_counter() - start
 
     def cancelled(self) -> bool:
@@ -120,9 +122,9 @@ class Session:
         """What ends the render goes into the scene report too."""
         try:
             yield
-        except lobe.LobeError as error:
+        except (lobe.LobeError, MemoryError) as error:
             if self.scene_key is not None:
-                failed = scene_report.note_from_sentence(scene_report.ERROR, str(error))
+                failed = scene_report.note_from_sentence(scene_report.ERROR, message_of(error))
                 scene_report.keep(self.scene_key, "render", [failed, *self.notes.all])
             raise
 

@@ -228,8 +228,19 @@ def test_too_little_memory_for_many_objects_is_no_bug(scene, monkeypatch, capfd)
     """Where no single datablock is at fault."""
     for name in ("matrices_at_once", "matrices_one_by_one"):
         monkeypatch.setattr(instances, name, too_much)
-    assert refused() == "Error: not enough memory: close other programs, or show fewer objects"
+    said = refused()
+    assert said == "Error: not enough memory: close other programs, or show fewer objects"
+    notes = importlib.import_module(f"{MODULE}.addon.scene_report").report_of(scene).of_level("ERROR")
+    assert [note.what for note in notes] == [said.removeprefix("Error: ")]
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_too_little_memory_to_denoise_keeps_the_noisy_picture(scene, rendered, session, report, monkeypatch) -> None:
+    whole = rendered(scene)
+    scene.lobe.use_denoising = True
+    monkeypatch.setattr(session, "denoise", too_much)
+    assert np.array_equal(rendered(scene), whole)
+    assert "the picture is not denoised: not enough memory" in report["warnings"]
 
 
 @pytest.mark.parametrize("phase", PHASES[1:])
