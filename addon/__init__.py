@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from . import check, compare, passes, phong_group, precompile, properties, render_engine, scene_report, ui
 
-_PARTS = (properties, passes, phong_group, scene_report, check, compare, render_engine, ui, precompile)
+# Unregistered from the last to the first: viewports, which render_engine closes, compile by precompile's process until
+# then, not in this one.
+_PARTS = (properties, passes, phong_group, scene_report, check, compare, precompile, render_engine, ui)
 
 
 def register() -> None:

@@ -50,6 +50,11 @@ KINDS = {
 NOISY = "Noisy Image"
 
 
+def update_sockets(properties: bpy.types.PropertyGroup, _context) -> None:
+    """Of a scene's Render Layers nodes, all at once: Blender does this by itself for its own boxes alone."""
+    properties.id_data.view_layers[0].update_render_passes()
+
+
 class LobeViewLayer(bpy.types.PropertyGroup):
     """`view_layer.lobe`: the boxes that Blender itself doesn't have."""
 
@@ -57,10 +62,12 @@ class LobeViewLayer(bpy.types.PropertyGroup):
         name="Denoising Data",
         description="Albedo and normal of the first surface, by which the compositor's Denoise node tells edges from "
         "noise. Takes the time of one more ray for each sample",
+        update=update_sockets,
     )
     pass_sample_count: BoolProperty(
         name="Sample Count",
         description="How many samples each pixel took: fewer where adaptive sampling stopped early. Takes no time",
+        update=update_sockets,
     )
 
 
@@ -79,11 +86,13 @@ def wanted_passes(view_layer) -> tuple[str, ...]:
 
 def register_passes(engine: bpy.types.RenderEngine, scene, view_layer) -> None:
     """Blender makes room in the render's result for what is named here, and sockets in the compositor."""
+    from .export.settings import property_group  # the export imports this module
+
     engine.register_pass(scene, view_layer, "Combined", 4, "RGBA", "COLOR")
     for name in wanted_passes(view_layer):
         kind = KINDS[name]
         engine.register_pass(scene, view_layer, blender_name(name), len(kind.channels), kind.channels, kind.type)
-    if scene.lobe.use_denoising:
+    if getattr(property_group(scene, "lobe"), "use_denoising", False):
         engine.register_pass(scene, view_layer, NOISY, 4, "RGBA", "COLOR")
 
 

@@ -10,6 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
 from ..engine import CHOICES, RANGES, Settings
+from .passes import update_sockets
 
 _DEFAULTS = Settings()
 VIEWPORT_SAMPLES = 64
@@ -85,8 +86,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     adaptive_threshold: FloatProperty(
         name="Noise Threshold",
-        description="The error at which a pixel stops, as a part of the square root of its brightness: no unit; 0.01 "
-        "is below 1 % of white. Half of it takes four times as long. No pixel stops before 32 samples",
+        description="The noise at which a pixel stops, without unit: 0.01 is less than 1 % of white; dark pixels keep "
+        "more, for their brightness. Half of it takes four times as long. No pixel stops before 32 samples",
         precision=4,
         step=0.1,
         soft_max=0.1,
@@ -98,6 +99,7 @@ class LobeSettings(bpy.types.PropertyGroup):
         "brings. Takes some seconds and a gigabyte of memory for a picture of full HD, and fine detail where the noise "
         "is strong. The view layer's pass Denoising Data saves edges from it",
         default=False,
+        update=update_sockets,
     )
     max_bounces: IntProperty(
         name="Total",

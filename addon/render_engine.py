@@ -13,7 +13,8 @@ import bpy
 from .faults import is_defect, message_of
 
 _viewports: weakref.WeakSet = weakref.WeakSet()  # all that may have threads
-_viewports_lock = threading.Lock()  # renders look at them on a thread of their own
+_renders = 0  # for which they are paused: those under way
+_viewports_lock = threading.Lock()  # of both: renders look at them on a thread of their own
 
 
 class LobeRenderEngine(bpy.types.RenderEngine):
@@ -87,6 +88,8 @@ class LobeRenderEngine(bpy.types.RenderEngine):
             weakref.finalize(self, self.viewport.close)
             with _viewports_lock:
                 _viewports.add(self.viewport)
+                if _renders:
+                    self.viewport.pause()
         return self.viewport
 
 
@@ -123,15 +126,27 @@ def _open_viewports() -> list:
 
 @contextlib.contextmanager
 def _viewports_paused(engine: bpy.types.RenderEngine) -> Iterator[None]:
-    """While a render traces, viewports leave it the processor. Icons are quick, and made of what a viewport shows."""
-    paused = [] if engine.is_preview else _open_viewports()
-    for viewport in paused:
-        viewport.pause()
+    """While a render traces, viewports leave it the processor, also those that are opened meanwhile. Icons are quick,
+    and made of what a viewport shows."""
+    if engine.is_preview:
+        yield
+        return
+    _count_renders(1)
     try:
         yield
     finally:
-        for viewport in paused:
-            viewport.resume()
+        _count_renders(-1)
+
+
+def _count_renders(more: int) -> None:
+    global _renders
+    with _viewports_lock:
+        _renders += more
+        for viewport in list(_viewports):
+            if _renders:
+                viewport.pause()
+            else:
+                viewport.resume()
 
 
 @bpy.app.handlers.persistent

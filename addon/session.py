@@ -17,12 +17,13 @@ from .. import engine as lobe
 from . import scene_report
 from .denoise import DenoiseError, DenoiseStopped, denoise
 from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings, property_group
+from .faults import message_of
 from .memory import current_and_peak_mb
 from .passes import fill_passes, wanted_passes
 from .report import add_layer
 
 TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
-PATIENCE = 0.3  # seconds that a cancelled build or compilation is waited for before it is left to end by itself
+PATIENCE = 0.3  # seconds that a cancelled render is waited for before it is left to end by itself
 KEEPING = 30.0  # the same once it traces: then it only makes its picture and the passes, which are kept
 PREVIEW_SAMPLES = 32  # of the small pictures of materials
 
@@ -76,7 +77,7 @@ class Session:
             self._watch(worker, picture)
             with self._noting_errors():
                 result = worker.outcome()
-            if result is None:  # cancelled in a build or a compilation, which goes on to its end unseen
+            if result is None:  # cancelled before it traced, and left to end by itself
                 report["stopped"] = True
             else:
                 noisy = result.pixels
@@ -104,12 +105,13 @@ class Session:
         try:
             guides = (result.passes.get(name) for name in ("DENOISING_ALBEDO", "DENOISING_NORMAL"))
             color = denoise(result.pixels[..., :3], *guides, threads=self.settings.threads, stop=self.cancelled)
+            result.pixels = np.concatenate([color, result.pixels[..., 3:]], axis=-1)
         except DenoiseError as error:
             result.warnings.append(f"the picture is not denoised: {error}")
+        except MemoryError:
+            result.warnings.append("the picture is not denoised: not enough memory")
         except DenoiseStopped:
             result.stopped = True
-        else:
-            result.pixels = np.concatenate([color, result.pixels[..., 3:]], axis=-1)
         result.seconds["denoise"] = time.perf_counter() - start
 
     def cancelled(self) -> bool:
@@ -120,9 +122,9 @@ class Session:
         """What ends the render goes into the scene report too."""
         try:
             yield
-        except lobe.LobeError as error:
+        except (lobe.LobeError, MemoryError) as error:
             if self.scene_key is not None:
-                failed = scene_report.note_from_sentence(scene_report.ERROR, str(error))
+                failed = scene_report.note_from_sentence(scene_report.ERROR, message_of(error))
                 scene_report.keep(self.scene_key, "render", [failed, *self.notes.all])
             raise
 
@@ -133,7 +135,7 @@ class Session:
         said_at = start
         while not worker.wait(TICK):
             if self.cancelled():
-                # A build or a compilation can't be interrupted: it ends in the background, unseen.
+                # A compilation in this process can't be interrupted: it ends in the background, unseen.
                 worker.stop(PATIENCE)
                 if worker.is_tracing():
                     worker.stop(KEEPING)
@@ -186,7 +188,7 @@ class _Worker:
         self._error: BaseException | None = None
         self._done = False
         self._stop = threading.Event()
-        # A daemon: when Blender is closed it waits for no picture, only for a compilation that is under way.
+        # A daemon: when Blender is closed it waits for no picture, only for a compilation in this process.
         self._thread = threading.Thread(
             target=self._run, args=(scene, settings, prepared), name="Lobe render", daemon=True
         )

@@ -41,7 +41,8 @@ class Viewport:
         self._problem = ""  # why the scene could not be exported
         self._told: Exception | None = None
         self._drawing = draw.Drawing()
-        self._renderer = lobe.Interactive(_redraw(engine))
+        self._redraw = _redraw(engine)
+        self._renderer = lobe.Interactive(self._redraw)
 
     def update(self, context, depsgraph) -> None:
         """Blender has evaluated something anew."""
@@ -74,9 +75,11 @@ class Viewport:
 
     def pause(self) -> None:
         self._renderer.pause()
+        self._redraw()
 
     def resume(self) -> None:
         self._renderer.resume()
+        self._redraw()
 
     def close(self) -> None:
         self._renderer.close()
@@ -111,7 +114,7 @@ class Viewport:
         return message_of(error)
 
     def _status(self, picture: lobe.Picture | None, view: View) -> tuple[str, str]:
-        message = "waiting for the render" if self._renderer.paused else self._renderer.message
+        message = "waiting for the render" if self._renderer.waiting else self._renderer.message
         if message or picture is None:
             return "", f"{message[:1].upper()}{message[1:]}" or "Preparing"
         return "", f"Sample {picture.samples}/{picture.total}"

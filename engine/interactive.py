@@ -34,7 +34,7 @@ class Interactive:
     picture  the newest one; None before the first
     message  what is being done when it isn't rendering: "building", "compiling (first time only)"; else empty
     error    why what was shown last can't be rendered; None where it can
-    paused   whether it is
+    waiting  whether a pause keeps it from what is to be rendered
 
     Of a scene only what was replaced is looked at: parts that are the same objects as before are taken for unchanged.
     Always by the compiled road, and without adaptive sampling, time limit and passes.
@@ -50,9 +50,9 @@ class Interactive:
         self._wanted: _Job | None = None
         self._job: _Job | None = None  # that is worked on
         self._seen = False  # a picture of it: from then on it may be interrupted
-        self._closed = self.paused = False
+        self._closed = self._paused = False
         self._halt_pass, self._halt_build = np.zeros(1, np.uint8), np.zeros(1, np.uint8)
-        # A daemon: when the program ends it waits for no picture, only for a compilation that is under way.
+        # A daemon: when the program ends it waits for no picture, only for a compilation in this process.
         self._thread = threading.Thread(target=self._run, name="Lobe viewport", daemon=True)
         self._thread.start()
 
@@ -68,15 +68,21 @@ class Interactive:
     def pause(self) -> None:
         """Trace nothing from the next picture on, until `resume`: that goes on where it was."""
         with self._news:
-            self.paused = True
+            self._paused = True
 
     def resume(self) -> None:
         with self._news:
-            self.paused = False
+            self._paused = False
             self._news.notify()
 
+    @property
+    def waiting(self) -> bool:
+        with self._news:
+            return self._paused and self._wanted is not None
+
     def close(self, patience: float = 0.5) -> bool:
-        """End the threads. Waits for them so many seconds, which only a compilation takes; True if they have ended."""
+        """End the threads. Waits for them so many seconds, which only a compilation in this process takes; True if they
+        have ended."""
         with self._news:
             self._closed = True
             self._halt_pass[0] = self._halt_build[0] = 1
@@ -104,7 +110,7 @@ class Interactive:
     def _next(self) -> _Job | None:
         """Wait for something to do; None once it is over."""
         with self._news:
-            while (self._wanted is None or self.paused) and not self._closed:
+            while (self._wanted is None or self._paused) and not self._closed:
                 self._news.wait()
             if self._closed:
                 return None
@@ -115,12 +121,13 @@ class Interactive:
     def _publish(self, picture: Picture) -> bool:
         """Whether something else is wanted by now."""
         self.picture, self.message, self.error = picture, "", None
-        self._changed()
         with self._news:
             self._seen = True
-            if self.paused and self._wanted is None:
+            if self._paused and self._wanted is None and picture.samples < picture.total:
                 self._wanted = self._job
-            return self._wanted is not None or self._closed
+            is_over = self._wanted is not None or self._closed
+        self._changed()  # by now `waiting` is true, where it will be
+        return is_over
 
     def _say(self, message: str) -> None:
         self.message = message

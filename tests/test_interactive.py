@@ -307,8 +307,9 @@ def test_a_pause_goes_on_where_it_was(watcher):
     while (seen := len(watcher.pictures)) != (time.sleep(1.0) or len(watcher.pictures)):
         pass  # the pass that was under way
     before = watcher.pictures[-1].samples
-    assert 0 < before < settings.samples
+    assert 0 < before < settings.samples and watcher.interactive.waiting
     watcher.interactive.resume()
+    assert not watcher.interactive.waiting
     watcher.wait_for(lambda: watcher.pictures[-1].samples == settings.samples)
     assert watcher.pictures[seen].samples > before
     assert np.array_equal(watcher.pictures[-1].pixels, render(scene, settings).pixels)
@@ -318,10 +319,11 @@ def test_what_is_shown_in_a_pause_is_rendered_after_it(watcher):
     scene = room()
     watcher.show(scene)
     watcher.interactive.pause()
+    assert not watcher.interactive.waiting
     seen, moved = len(watcher.pictures), moved_camera(scene, 0.1)
     watcher.interactive.show(moved, QUICK)
     time.sleep(0.5)
-    assert len(watcher.pictures) == seen
+    assert len(watcher.pictures) == seen and watcher.interactive.waiting
     watcher.interactive.resume()
     watcher.wait_for(lambda: len(watcher.pictures) > seen and watcher.pictures[-1].samples == QUICK.samples)
     assert np.array_equal(watcher.pictures[-1].pixels, render(moved, QUICK).pixels)

@@ -80,9 +80,11 @@ def _quiet_viewports(keeper: Keeper) -> None:
 
 
 def _spaces() -> Iterator[bpy.types.SpaceView3D]:
-    """Of all windows, the 3D viewports."""
-    for window in bpy.context.window_manager.windows:
-        yield from (area.spaces.active for area in window.screen.areas if area.type == "VIEW_3D")
+    """The 3D viewports of all workspaces, also those that an area has had before it became another editor: while a
+    comparison runs the user may change the workspace or maximise an area, and a render may be shown in its place."""
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            yield from (space for space in area.spaces if space.type == "VIEW_3D")
 
 
 def _passes(scene) -> list[str]:

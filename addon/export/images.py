@@ -50,8 +50,10 @@ class Images:
     """The images of one export, each read once. `notes` hears of colour spaces that could not be honoured."""
 
     def __init__(self, notes, stop: Stop) -> None:
+        """To be made on Blender's own thread."""
         self._notes = notes
         self._stop = stop
+        self._color_config = _color_config()
         self._environments: dict = {}
         self._asked: set = set()  # for these
         self._averages: dict = {}
@@ -153,7 +155,7 @@ class Images:
             return color
         if space in SRGB_SPACES:
             return srgb_to_linear(color)
-        converted = _convert(color, space)
+        converted = _convert(color, space, self._color_config)
         if converted is None:
             self._notes.warn("image", image.name, f"colour space '{space}' is not supported, read as sRGB")
             return srgb_to_linear(color)
@@ -244,13 +246,17 @@ def mean_color(pixels: Pixels) -> np.ndarray:
     return np.array([*(weight @ color / weight.sum()), weight.mean()])
 
 
-def _convert(color: np.ndarray, space: str) -> np.ndarray | None:
-    """From any colour space of Blender's OpenColorIO configuration, None where that can't be done."""
+def _color_config() -> str:
+    """The path of Blender's OpenColorIO configuration."""
+    return os.path.join(bpy.utils.resource_path("LOCAL"), "datafiles", "colormanagement", "config.ocio")
+
+
+def _convert(color: np.ndarray, space: str, config: str) -> np.ndarray | None:
+    """From any colour space of an OpenColorIO configuration, None where that can't be done."""
     try:
         import OpenImageIO as oiio
     except ImportError:
         return None
-    config = os.path.join(bpy.utils.resource_path("LOCAL"), "datafiles", "colormanagement", "config.ocio")
     if not os.path.isfile(config):
         return None
     buffer = oiio.ImageBuf(np.ascontiguousarray(color))

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import bpy
 
+from ..export.materials.material import always_uses_nodes, uses_nodes
 from .nodes import draw_surface
 from .panel import LobePanel
 from .text import draw_text
-
-ALWAYS_NODES = bpy.app.version >= (5, 1)  # lamps: from then on the property only warns
 
 
 class LOBE_LIGHT_PT_preview(LobePanel, bpy.types.Panel):
@@ -109,12 +108,12 @@ class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
         return context.light is not None and super().poll(context)
 
     def draw_header(self, context):
-        if not ALWAYS_NODES:
+        if not always_uses_nodes(context.light):
             self.layout.prop(context.light, "use_nodes", text="")
 
     def draw(self, context):
         light = context.light
-        if not (ALWAYS_NODES or light.use_nodes) or light.node_tree is None:
+        if not uses_nodes(light):
             self.layout.active = False
             draw_text(self.layout, context, "The color above is the whole light")
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..export.materials.material import uses_nodes
+from ..export.materials.material import always_uses_nodes, uses_nodes
 from ..export.materials.tree import is_phong_group, shader_output
 from ..export.units import exponent_to_roughness
 from ..phong_group import phong_group
@@ -13,7 +13,6 @@ from .panel import LobePanel
 from .text import draw_text
 from .understood import read_soon, understood
 
-ALWAYS_NODES = bpy.app.version >= (5, 0)  # from then on the property only warns
 INPUTS = ("kd", "ks", "exponent")
 SHINY = 1e-5  # of a reflectance, an emission or a transparency that is worth a node
 
@@ -45,7 +44,7 @@ class LOBE_MATERIAL_PT_surface(_MaterialPanel, bpy.types.Panel):
         if uses_nodes(material):
             draw_surface(self.layout, material.node_tree, "ShaderNodeOutputMaterial")
             return
-        if not ALWAYS_NODES:
+        if not always_uses_nodes(material):
             self.layout.prop(material, "use_nodes", icon="NODETREE")
         self.column().prop(material, "diffuse_color", text="Color")
 
@@ -134,7 +133,7 @@ Emission and transparency are kept as nodes of their own; the old nodes stay in 
         if drawn is None:
             self.report({"ERROR"}, texts[0])
             return {"CANCELLED"}
-        if bpy.app.version < (5, 0):
+        if not always_uses_nodes(material):
             material.use_nodes = True
         use_phong(material.node_tree, drawn)
         understood.forget_materials()

@@ -20,6 +20,8 @@ def objects_of(view_layer, depsgraph, groups: Sequence[Group]) -> list[list[bpy.
     """The objects that each group is about, in the view layer's order. Where an object that is named is in no place of
     its own, what places it counts."""
     index = _index(groups)
+    if not index:  # an image that the world alone shows; of instances there may be millions
+        return [[] for _ in groups]
     found = _direct(view_layer, index, len(groups))
     of_layer = set(view_layer.objects)
     own = {("object", object_.name) for object_ in of_layer}

@@ -28,6 +28,7 @@ NARROW = 270  # of a region in which the buttons go below the texts
 TOOLTIP_NAMES = 12
 NOTHING = "Nothing in this view layer has or places it: it may have gone since the list was made. Check the scene again"
 TEXT = "Scene Report"
+OWN = "lobe_report"  # a property of the texts that Lobe has made: the name they had then
 
 
 class LOBE_OT_select_reported(bpy.types.Operator):
@@ -89,7 +90,7 @@ def _show_slot(object_, group: Group) -> None:
 
 
 class LOBE_OT_report_as_text(bpy.types.Operator):
-    """Write the whole report, with all names, into the text 'Scene Report', which the Text Editor shows"""
+    """Write the whole report, with all names, into a text 'Scene Report', which the Text Editor shows"""
 
     bl_idname = "lobe.report_as_text"
     bl_label = "Report as Text"
@@ -99,7 +100,7 @@ class LOBE_OT_report_as_text(bpy.types.Operator):
         return context.scene is not None and scene_report.report_of(context.scene) is not None
 
     def execute(self, context):
-        text = bpy.data.texts.get((TEXT, None)) or bpy.data.texts.new(TEXT)
+        text = _text()
         lines = scene_report.lines(scene_report.report_of(context.scene), names_a_line=None)
         text.from_string("\n".join([f"Scene '{context.scene.name}'", *lines, ""]))
         for area in context.screen.areas if context.screen is not None else ():
@@ -107,6 +108,16 @@ class LOBE_OT_report_as_text(bpy.types.Operator):
                 area.spaces.active.text = text
         self.report({"INFO"}, f"Lobe: the report is in the text '{text.name}', see the Text Editor")
         return {"FINISHED"}
+
+
+def _text() -> bpy.types.Text:
+    """The text of a report before, else a new one. One that the user has written, renamed or copied is theirs."""
+    for text in bpy.data.texts:
+        if text.library is None and text.get(OWN) == text.name:
+            return text
+    text = bpy.data.texts.new(TEXT)
+    text[OWN] = text.name
+    return text
 
 
 class _Buttons:

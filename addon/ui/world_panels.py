@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..export.materials.material import uses_nodes
+from ..export.materials.material import always_uses_nodes, uses_nodes
 from .nodes import draw_surface
 from .panel import LobePanel
-
-ALWAYS_NODES = bpy.app.version >= (5, 0)  # from then on the property only warns
 
 
 class _Panel(LobePanel):
@@ -32,7 +30,7 @@ class LOBE_WORLD_PT_surface(_Panel, bpy.types.Panel):
 
     def draw(self, context):
         world = context.world
-        if not ALWAYS_NODES:
+        if not always_uses_nodes(world):
             self.layout.prop(world, "use_nodes", icon="NODETREE")
             self.layout.separator()
         if uses_nodes(world):

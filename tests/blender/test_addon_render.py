@@ -331,38 +331,6 @@ def test_an_icon_leaves_the_report_of_the_last_render_alone(report, is_preview: 
     assert report == ({"samples": 7.0} if is_preview else {})
 
 
-class Rests:
-    """A viewport that notes what it is told."""
-
-    def __init__(self, told: list[str]) -> None:
-        self.pause, self.resume = (lambda: told.append("pause")), (lambda: told.append("resume"))
-
-
-@pytest.mark.parametrize("is_preview", [True, False])
-@pytest.mark.parametrize("fails", [True, False])
-def test_viewports_wait_for_a_render_but_not_for_an_icon(is_preview: bool, fails: bool) -> None:
-    module, told = importlib.import_module(f"{MODULE}.addon.render_engine"), []
-
-    def trace(_report) -> None:
-        told.append("render")
-        if fails:
-            raise ZeroDivisionError("on purpose")
-
-    said = []
-    engine_object = SimpleNamespace(
-        session=SimpleNamespace(render=trace), frame_report=None, failed=False, is_preview=is_preview,
-        report=lambda *message: said.append(message),
-    )  # fmt: skip
-    viewport = Rests(told)
-    module._viewports.add(viewport)
-    try:
-        module.LobeRenderEngine.render(engine_object, None)
-    finally:
-        module._viewports.discard(viewport)
-    assert told == (["render"] if is_preview else ["pause", "render", "resume"])
-    assert engine_object.failed == bool(said) == fails
-
-
 def test_a_failed_frame_does_not_spoil_the_next(simple_scene, fake, session, rendered, monkeypatch) -> None:
     simple_scene.render.use_persistent_data = True  # then one engine object renders both
     good = session.lobe.render

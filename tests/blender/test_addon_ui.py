@@ -151,7 +151,7 @@ TOLD = {
     "seed": ("which random numbers", "costs no time"),
     "time_limit": ("seconds", "keeps the noise of the samples that it got"),
     "use_adaptive_sampling": (f"before {MIN_SAMPLES} samples", "saves time"),
-    "adaptive_threshold": (f"no unit.*before {MIN_SAMPLES} samples", "four times as long"),
+    "adaptive_threshold": (f"without unit.*before {MIN_SAMPLES} samples", "four times as long"),
     "use_denoising": ("", "takes some seconds and a gigabyte"),
     "max_bounces": ("surfaces", "each bounce costs up to as much time as the one before"),
     "diffuse_bounces": ("how many of the bounces", "fewer take less time"),
@@ -349,17 +349,54 @@ def test_images_are_read_by_a_timer_and_once(classes, monkeypatch) -> None:
     assert "Diffuse kd 0.5" in texts(panel, contexts["One"]) and read[2:] == ["One"]
 
 
-def test_files_of_images_are_averaged_on_a_thread(classes, tmp_path, monkeypatch) -> None:
-    """To the same as an export's, and forgotten where the image changes meanwhile."""
-    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+@pytest.fixture
+def textured(tmp_path):
+    """A material that shows a file of an image, and its texture node."""
     made = bpy.data.images.new("Made", 64, 64, alpha=True)
-    made.pixels = np.random.default_rng(1).random(64 * 64 * 4, np.float32)
+    made.pixels = (np.random.default_rng(1).random((64 * 64, 4), np.float32) * (0.9, 0.3, 0.3, 1)).ravel()
     made.filepath_raw, made.file_format = str(tmp_path / "made.png"), "PNG"
     made.save()
     material, node = new_material("M", "ShaderNodeBsdfDiffuse")
     texture = material.node_tree.nodes.new("ShaderNodeTexImage")
     texture.image = bpy.data.images.load(str(tmp_path / "made.png"))
     material.node_tree.links.new(texture.outputs[0], node.inputs["Color"])
+    return material, texture
+
+
+def test_a_thread_that_averages_asks_blender_for_nothing(textured, monkeypatch) -> None:
+    """Not for the place of its colour spaces either."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    material, texture = textured
+    place, read, threads, shown = bpy.utils.resource_path, module.KeptAverages.mean_of_file, [], []
+
+    def asked(*arguments, **options):
+        assert threading.current_thread() is threading.main_thread()
+        return place(*arguments, **options)
+
+    def noted(*arguments):
+        mean = read(*arguments)
+        threads.append(threading.current_thread())  # which it has outlived
+        return mean
+
+    monkeypatch.setattr(bpy.utils, "resource_path", asked)
+    monkeypatch.setattr(module.KeptAverages, "mean_of_file", noted)
+    for space in ("Linear Rec.2020", "Linear Rec.709"):
+        texture.image.colorspace_settings.name = space
+        module.understood.forget()
+        assert module.understood.at_hand(material) is None
+        while module._read() is not None:
+            module.understood.wait()
+        drawn, remarks = module.understood.at_hand(material)
+        assert not any("read as sRGB" in remark for remark in remarks)
+        shown.append(drawn.kd)
+    assert len(threads) == 2 and threading.main_thread() not in threads
+    assert shown[0] != pytest.approx(shown[1], rel=1e-2)
+
+
+def test_files_of_images_are_averaged_on_a_thread(classes, textured, tmp_path, monkeypatch) -> None:
+    """To the same as an export's, and forgotten where the image changes meanwhile."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    material, texture = textured
     panel, context = find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material)
     go, threads, whole = threading.Event(), [], module.KeptAverages.mean_of_file
 

@@ -209,28 +209,29 @@ def test_equal_time(scene) -> None:
     assert (scene.lobe.samples, scene.lobe.time_limit, scene.cycles.time_limit) == (4, 0.0, 0.0)
 
 
-def viewports() -> list:
-    """The shading of all 3D viewports, also without a window."""
-    areas = [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
-    return [area.spaces.active.shading for area in areas if area.type == "VIEW_3D"]
-
-
 @pytest.mark.parametrize("stopped", [False, True])
 def test_viewports_do_not_render_beside_it(stopped: bool) -> None:
+    """Of this workspace and of another one; where the area becomes another editor meanwhile, they are Rendered when
+    the user goes back."""
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     scene = bpy.context.scene
     scene.lobe.samples = scene.render.resolution_x = scene.render.resolution_y = 8
-    shadings = viewports()
-    assert shadings
-    shadings[0].type = "RENDERED"
+    shown, other = (
+        next(area for area in bpy.data.workspaces[name].screens[0].areas if area.type == "VIEW_3D")
+        for name in ("Layout", "Shading")
+    )
+    for area in (shown, other):
+        area.spaces.active.shading.type = "RENDERED"
     steps = compare.Comparison(scene, bpy.context.view_layer).steps()
     operators.render_now(next(steps))
-    assert [shading.type for shading in viewports()] == ["SOLID"] * len(shadings)
+    assert [area.spaces.active.shading.type for area in (shown, other)] == ["SOLID"] * 2
+    shown.type = "IMAGE_EDITOR"
     if not stopped:
         for step in steps:
             operators.render_now(step)
     steps.close()
-    assert viewports()[0].type == "RENDERED"
+    shown.type = "VIEW_3D"
+    assert [area.spaces.active.shading.type for area in (shown, other)] == ["RENDERED"] * 2
 
 
 def test_what_cannot_be_matched_is_listed(scene) -> None:

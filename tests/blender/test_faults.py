@@ -96,6 +96,13 @@ def threads() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.lower().startswith("lobe")]
 
 
+def assert_threads_end() -> None:
+    deadline = time.perf_counter() + 10.0
+    while threads() and time.perf_counter() < deadline:
+        time.sleep(0.05)
+    assert threads() == []
+
+
 @pytest.mark.parametrize("persistent", [False, True])
 @pytest.mark.parametrize("phase", PHASES)
 def test_escape_in_any_phase(scene, rendered, report, escape, monkeypatch, capfd, phase: str, persistent) -> None:
@@ -118,10 +125,7 @@ def test_escape_in_any_phase(scene, rendered, report, escape, monkeypatch, capfd
     assert np.array_equal(rendered(scene), whole)
     assert not report["stopped"]
     assert "Traceback" not in capfd.readouterr().err
-    deadline = time.perf_counter() + 10.0
-    while threads() and time.perf_counter() < deadline:
-        time.sleep(0.05)
-    assert threads() == []
+    assert_threads_end()
 
 
 @pytest.mark.parametrize("persistent", [False, True])
@@ -173,9 +177,12 @@ def test_escape_gives_up_a_build_that_takes_long(scene, report, session, monkeyp
 
     monkeypatch.setattr(schedule, "pack_next", endless)
     monkeypatch.setattr(session.Session, "cancelled", lambda self: begun.is_set())
-    bpy.ops.render.render()
-    assert not end.is_set() and report["stopped"] and report["samples"] == 0
-    end.set()
+    try:
+        bpy.ops.render.render()
+        assert threads() and report["stopped"] and report["samples"] == 0
+    finally:
+        end.set()
+    assert_threads_end()
 
 
 # --- defects and memory -----------------------------------------------------------------------------------------
@@ -221,8 +228,19 @@ def test_too_little_memory_for_many_objects_is_no_bug(scene, monkeypatch, capfd)
     """Where no single datablock is at fault."""
     for name in ("matrices_at_once", "matrices_one_by_one"):
         monkeypatch.setattr(instances, name, too_much)
-    assert refused() == "Error: not enough memory: close other programs, or show fewer objects"
+    said = refused()
+    assert said == "Error: not enough memory: close other programs, or show fewer objects"
+    notes = importlib.import_module(f"{MODULE}.addon.scene_report").report_of(scene).of_level("ERROR")
+    assert [note.what for note in notes] == [said.removeprefix("Error: ")]
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_too_little_memory_to_denoise_keeps_the_noisy_picture(scene, rendered, session, report, monkeypatch) -> None:
+    whole = rendered(scene)
+    scene.lobe.use_denoising = True
+    monkeypatch.setattr(session, "denoise", too_much)
+    assert np.array_equal(rendered(scene), whole)
+    assert "the picture is not denoised: not enough memory" in report["warnings"]
 
 
 @pytest.mark.parametrize("phase", PHASES[1:])

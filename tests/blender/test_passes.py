@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -79,20 +80,57 @@ def test_each_view_layer_has_its_own_boxes(simple_scene, layers) -> None:
     assert f"{first.name}.Mist.Z" not in found
 
 
+def render_layers_node(scene):
+    """Of the compositor, where it shows the scene's first view layer."""
+    if bpy.app.version >= (5, 0):
+        tree = scene.compositing_node_group = bpy.data.node_groups.new("C", "CompositorNodeTree")
+    else:
+        scene.use_nodes = True
+        tree = scene.node_tree
+    node = tree.nodes.new("CompositorNodeRLayers")
+    node.scene, node.layer = scene, scene.view_layers[0].name
+    return node
+
+
+def sockets(node) -> set[str]:
+    return {socket.name for socket in node.outputs if socket.enabled}
+
+
 def test_the_compositor_has_a_socket_for_each(simple_scene) -> None:
     layer = simple_scene.view_layers[0]
     tick(layer, on=False)
-    if bpy.app.version >= (5, 0):
-        tree = simple_scene.compositing_node_group = bpy.data.node_groups.new("C", "CompositorNodeTree")
-    else:
-        simple_scene.use_nodes = True
-        tree = simple_scene.node_tree
-    node = tree.nodes.new("CompositorNodeRLayers")
-    node.scene, node.layer = simple_scene, layer.name
+    node = render_layers_node(simple_scene)
     tick(layer)
     simple_scene.update_render_engine()
-    shown = {socket.name for socket in node.outputs if socket.enabled}
-    assert {addon_passes.blender_name(name) for name in KINDS} <= shown | {"Depth"}
+    assert {addon_passes.blender_name(name) for name in KINDS} <= sockets(node) | {"Depth"}
+
+
+@pytest.mark.parametrize(
+    ("owner", "box", "name"),
+    [
+        ("layer", "denoising_data", "Denoising Normal"),
+        ("layer", "pass_sample_count", "Debug Sample Count"),
+        ("scene", "use_denoising", addon_passes.NOISY),
+    ],
+)
+def test_a_box_of_lobes_own_makes_its_socket_at_once(simple_scene, owner: str, box: str, name: str) -> None:
+    node = render_layers_node(simple_scene)
+    properties = (simple_scene if owner == "scene" else simple_scene.view_layers[0]).lobe
+    for on in (True, False):
+        setattr(properties, box, on)
+        assert (name in sockets(node)) == on
+
+
+def test_registering_passes_makes_no_settings_in_an_evaluated_scene() -> None:
+    """Nobody would free them there."""
+    registered, graph = [], depsgraph()
+    fake = SimpleNamespace(register_pass=lambda _scene, _layer, name, *_: registered.append(name))
+    addon_passes.register_passes(fake, graph.scene_eval, bpy.context.view_layer)
+    assert "Combined" in registered and addon_passes.NOISY not in registered
+    assert not graph.scene_eval.is_property_set("lobe")
+    bpy.context.scene.lobe.use_denoising = True
+    addon_passes.register_passes(fake, graph.scene_eval, bpy.context.view_layer)
+    assert registered[-1] == addon_passes.NOISY
 
 
 def test_what_passes_need_is_exported_only_where_they_are_ticked() -> None:

@@ -808,6 +808,30 @@ def test_no_button_where_nothing_can_be_selected(scene, part, checked) -> None:
     assert {kind for kind, _ in with_buttons(part)} == {"image", "material"}
 
 
+def test_instances_are_walked_only_where_something_could_be_found(scene, part) -> None:
+    """Of an image that nothing but the world shows, and one that a material shows."""
+
+    class Depsgraph:
+        walks = 0
+
+        @property
+        def object_instances(self):
+            self.walks += 1
+            return iter(())
+
+    bpy.data.images.new("Sky", 8, 4)
+    feed("BsdfDiffuse", "ShaderNodeTexImage").image = bpy.data.images.new("Wood", 8, 4)
+    plane().data.materials.clear()
+    depsgraph, notes = Depsgraph(), part("export").Notes()
+    for name, walks in (("Sky", 0), ("Wood", 1)):
+        notes.warn("image", name, "UDIM tiles are not supported, only the first is read")
+        groups = part("export").grouped(notes.all[-1:])
+        assert part("ui.objects_of").selectable(bpy.context.view_layer, depsgraph, groups) == [False]
+        assert depsgraph.walks == walks
+        assert part("ui.objects_of").objects_of(bpy.context.view_layer, depsgraph, groups) == [[]]
+        assert depsgraph.walks == 2 * walks
+
+
 def test_the_button_says_when_nothing_is_left(scene, part, checked) -> None:
     plane().is_shadow_catcher = True
     checked()
@@ -827,6 +851,23 @@ def test_the_report_as_a_text(scene, part, checked) -> None:
     assert text.name == "Scene Report" and f"Scene '{scene.name}'" in text.as_string()
     assert all(f"Glass {number}" in text.as_string() for number in range(12))
     assert "more" not in text.as_string()
+
+
+def test_texts_of_the_user_are_left_alone(scene, checked) -> None:
+    """Also a report that was renamed, and a copy of one."""
+    mine = bpy.data.texts.new("Scene Report")
+    mine.write("mine")
+    checked()
+    bpy.ops.lobe.report_as_text()
+    assert mine.as_string() == "mine" and len(bpy.data.texts) == 2
+    (report,) = (text for text in bpy.data.texts if text != mine)
+    for theirs in (report.copy(), report):
+        theirs.name = f"Kept {theirs.name}"
+        theirs.from_string("mine")
+        for _ in range(2):
+            bpy.ops.lobe.report_as_text()
+        assert theirs.as_string() == "mine"
+    assert len(bpy.data.texts) == 4
 
 
 def test_lines_are_broken_between_words(part) -> None:

@@ -144,11 +144,13 @@ def is_hole(output) -> bool:
     return shader.is_output and shader.node.bl_idname == "ShaderNodeHoldout"
 
 
+def always_uses_nodes(datablock) -> bool:
+    """Materials and worlds from Blender 5.0 on, lamps from 5.1 on: `use_nodes` then only warns."""
+    return bpy.app.version >= ((5, 1) if isinstance(datablock, bpy.types.Light) else (5, 0))
+
+
 def uses_nodes(datablock) -> bool:
-    """From Blender 5.0 on materials and worlds always do, and the property only warns."""
-    if bpy.app.version >= (5, 0, 0) and not isinstance(datablock, bpy.types.Light):
-        return datablock.node_tree is not None
-    return datablock.use_nodes and datablock.node_tree is not None
+    return datablock.node_tree is not None and (always_uses_nodes(datablock) or datablock.use_nodes)
 
 
 def average_color(slot: Slot, images: Images, note) -> np.ndarray:
