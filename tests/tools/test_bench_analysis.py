@@ -153,8 +153,38 @@ def test_cost_of_a_render():
 
 def test_shares_of_the_budget():
     costs = {"LOBE": plan.Cost(0.0, 0.01), "CYCLES": plan.Cost(0.0, 0.03)}
-    assert plan.reference_samples(costs, 100.0) == 64  # 0.4 * 100 s / 8 renders of 0.04 s a sample: 125
+    assert plan.reference_samples(costs, 100.0) == 64  # 0.25 * 100 s / 8 renders of 0.04 s a sample: 78
     assert plan.pilot_samples(costs["CYCLES"], 100.0) == 16
-    assert plan.next_level_fits(1, 1e9, 0.0)
-    assert plan.next_level_fits(2, 5.0, 5.0)
-    assert not plan.next_level_fits(2, 5.1, 5.0)
+
+
+def forecast(at_one: float, per_sample: float) -> plan.Forecast:
+    return plan.Forecast(plan.Cost(0.0, per_sample), (1, at_one), (16, at_one / 16))
+
+
+def test_levels_end_at_the_most():
+    assert [plan.ladder(most) for most in (1, 4, 8, 64)] == [[1], [1, 4], [1, 4, 8], [1, 4, 16, 64]]
+    assert plan.units({"LOBE": 4, "CYCLES": 8}) == [("LOBE", 1), ("CYCLES", 1), ("LOBE", 4), ("CYCLES", 4),
+                                                    ("CYCLES", 8)]  # fmt: skip
+
+
+def test_forecast_of_an_error():
+    """Through both renders, and after them as plain samples."""
+    found = plan.Forecast(plan.Cost(0.0, 1.0), (1, 1.0), (16, 16**-1.5))
+    assert [found.error(n) for n in (1, 4, 16, 32)] == pytest.approx([1.0, 1 / 8, 1 / 64, 1 / 128])
+    assert plan.Forecast(plan.Cost(0.0, 1.0), (1, 0.1), (16, 0.2)).error(1) == pytest.approx(0.8)  # a bright pixel
+
+
+def test_each_engine_goes_on_to_the_same_error():
+    """Cycles with four times the error takes four times the samples; the cheaper engine gets no more than that."""
+    both = {"LOBE": forecast(0.63, 0.001), "CYCLES": forecast(2.56, 0.1)}
+    assert plan.most_samples(both, 8, 1e9) == {"LOBE": 32, "CYCLES": 128}
+    # 8 seeds of 1 + 4 + 16 + 64 samples at 0.1 s: 68 s. Lobe hasn't gone further than Cycles, doubled once.
+    assert plan.most_samples(both, 8, 75.0) == {"LOBE": 16, "CYCLES": 64}
+    assert plan.most_samples(both, 8, 0.0) == {"LOBE": 4, "CYCLES": 4}
+
+
+def test_a_picture_that_is_good_at_once_has_enough_levels():
+    """From 0.08 on, TARGET_ERROR would be a factor of 4: the goal is lower."""
+    assert plan.most_samples({"LOBE": forecast(0.08, 0.001), "CYCLES": forecast(0.08, 0.001)}, 8, 1e9) == {
+        "LOBE": 16, "CYCLES": 16,
+    }  # fmt: skip
