@@ -13,6 +13,7 @@ import numpy as np
 
 from tools import metrics
 
+from .plan import LEAST_OVERLAP
 from .reference import MARGIN, Reference
 from .runs import Render
 
@@ -22,6 +23,8 @@ CONFIDENCE = 0.95
 FLIP_SEEDS = 2  # FLIP takes half a second a picture and hardly differs between seeds
 # Cycles tells its sampling time in hundredths of a second: what is shorter than this is rounded by over 10 %.
 SHORTEST_SAMPLING = 0.05
+# Time that goes like the samples gives the same slope over either; farther apart, other things moved the times.
+SLOPES_APART = 0.15
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,25 @@ def slope(x: Sequence[float], errors: Sequence[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(errors), 1)[0])
 
 
+def timed(cycles: Sequence[Level]) -> list[Level]:
+    """Those of Cycles' levels whose sampling is long enough to be known. Lobe's own clock is as fine as it needs."""
+    return [lv for lv in cycles if np.median(lv.sampling) >= SHORTEST_SAMPLING]
+
+
 def slopes(levels: Sequence[Level]) -> tuple[float, float]:
-    """Of the error against samples, and against sampling time where that is long enough to be known."""
+    """Of the error against samples and against sampling time."""
     used = [lv for lv in levels if lv.usable]
-    timed = [lv for lv in used if np.median(lv.sampling) >= SHORTEST_SAMPLING]
+    errors = [lv.error for lv in used]
     return (
-        slope([lv.samples for lv in used], [lv.error for lv in used]),
-        slope([float(np.median(lv.sampling)) for lv in timed], [lv.error for lv in timed]),
+        slope([lv.samples for lv in used], errors),
+        slope([float(np.median(lv.sampling)) for lv in used], errors),
     )
+
+
+def suspect(levels: Sequence[Level]) -> bool:
+    """Whether the slopes over samples and over time tell different stories."""
+    over_samples, over_time = slopes(levels)
+    return bool(abs(over_time - over_samples) > SLOPES_APART)
 
 
 # --- times at equal error -------------------------------------------------------------------------------------
@@ -138,6 +152,11 @@ class TimeRatio:
     mean: tuple[float, float, float]  # geometric mean over the errors that both reach: median, low, high
     at_lowest: tuple[float, float, float]  # at the lowest error that both reach
     errors: tuple[float, float]  # that range
+
+    @property
+    def enough(self) -> bool:
+        """Whether the range is wide enough to say something: curves that just touch give any ratio."""
+        return bool(self.errors[1] >= LEAST_OVERLAP * self.errors[0])
 
 
 def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, float, float, float]:
@@ -182,7 +201,7 @@ def _quantiles(logs: np.ndarray) -> tuple[float, float, float]:
 
 def curve(levels: Sequence[Level], seconds: str, error: str = "whole") -> Curve:
     """seconds: "total" or "sampling"; error: "whole" or "trimmed"."""
-    used = [lv for lv in levels if lv.usable and (seconds == "total" or np.median(lv.sampling) >= SHORTEST_SAMPLING)]
+    used = [lv for lv in levels if lv.usable]
     seeds = len(levels[0].whole)
     errors = np.array([getattr(lv, error) for lv in used]).reshape(-1, seeds)
     return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(-1, seeds))

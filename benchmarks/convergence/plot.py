@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -73,7 +72,7 @@ def draw(axes: Axes, engine: str, levels: list[Level], error: str) -> None:
         axes.annotate(str(level.samples), (x, y), xytext=(6, 3) if right else (-6, -3), textcoords="offset points",
                       ha="left" if right else "right", va="bottom" if right else "top", fontsize=7.5,
                       color=color)  # fmt: skip
-    long = sampling >= analysis.SHORTEST_SAMPLING
+    long = sampling >= (analysis.SHORTEST_SAMPLING if engine == "CYCLES" else 0.0)
     if long.sum() > 1:
         axes.plot(sampling[long], errors[long], color=color, linewidth=1.0, linestyle=(0, (4, 3)), alpha=0.7,
                   label=f"{name}, sampling alone")  # fmt: skip
@@ -84,7 +83,8 @@ def statement(outcome: Outcome, error: str) -> str:
     if set(outcome.levels) != set(COLORS):
         return ""
     lobe, cycles = (analysis.curve(outcome.levels[engine], "total", error) for engine in COLORS)
-    median, low, high = analysis.time_ratio(lobe, cycles).mean
-    if not math.isfinite(median):
-        return ""
+    ratio = analysis.time_ratio(lobe, cycles)
+    if not ratio.enough:
+        return "too few levels for a ratio of times"
+    median, low, high = ratio.mean
     return f"to equal error Cycles takes {median:.2f} ({low:.2f} to {high:.2f}) times as long"

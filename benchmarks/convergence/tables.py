@@ -22,6 +22,8 @@ SAMPLING_RATIO = "the same, sampling alone"
 LOWEST_RATIO = "the same, at the lowest error"
 TRIMMED_RATIO = "the same, trimmed errors"
 INTERVAL = ": 95 % interval"
+OSL = ", OSL"
+NO_RATIO = (math.nan,) * 3
 
 CONVERGENCE_NOTE = """\
 relMSE has the noise of the reference taken off; a star under "near it" marks one below 5 times that noise. "±" is the
@@ -34,7 +36,11 @@ whole synchronisation, its "sampling" what it prepares on the device, in hundred
 EQUAL_ERROR_NOTE = """\
 All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
 1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
-seeds. "OSL": Cycles shades the Phong surfaces of the scene with Open Shading Language, which slows it.
+seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a
+range of their own. Cycles' sampling time holds what it prepares on the device, and levels at which it is below 0.05 s
+are left out, as Cycles tells it in hundredths. "Slopes apart" names an engine whose slopes over time and over samples
+differ by more than 0.15: something else than samples moved its times, so read its row with care. "OSL": Cycles shades
+the Phong surfaces of the scene with Open Shading Language, which slows it.
 
 """
 
@@ -84,36 +90,53 @@ def level_row(outcome: Outcome, engine: str, level: Level) -> dict[str, str]:
 def scene_row(outcome: Outcome) -> dict[str, str]:
     settings, found = outcome.settings, outcome.reference.comparison
     lobe, cycles = outcome.levels["LOBE"], outcome.levels["CYCLES"]
-    total, sampling, trimmed = (
-        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(cycles, *kind))
-        for kind in (("total", "whole"), ("sampling", "whole"), ("total", "trimmed"))
-    )
-    slopes = {"Lobe": analysis.slopes(lobe), "Cycles": analysis.slopes(cycles)}
-    ratios = {
-        RATIO: total.mean,
-        SAMPLING_RATIO: sampling.mean,
-        LOWEST_RATIO: total.at_lowest,
-        TRIMMED_RATIO: trimmed.mean,
-    }
+    ratios, errors = ratios_and_range(lobe, cycles)
+    by_name = {"Lobe": lobe, "Cycles": analysis.timed(cycles)}
+    slopes = {name: analysis.slopes(levels) for name, levels in by_name.items()}
     return {
         "scene": settings.scene.stem,
         "resolution": "{}x{}".format(*settings.resolution),
         "threads": str(settings.threads),
         "seeds": str(settings.seeds),
-        "samples, up to": str(lobe[-1].samples),
+        "samples, up to: Lobe": str(lobe[-1].samples),
+        "samples, up to: Cycles": str(cycles[-1].samples),
         **{key: text for name, ratio in ratios.items() for key, text in ratio_columns(name, ratio).items()},
-        "relMSE, from": number(total.errors[0], ".1e"),
-        "relMSE, to": number(total.errors[1], ".1e"),
+        "relMSE, from": number(errors[0], ".1e"),
+        "relMSE, to": number(errors[1], ".1e"),
         **{
             f"slope over {over}: {engine}": number(slopes[engine][i], ".2f")
             for i, over in enumerate(("samples", "time"))
             for engine in slopes
         },
-        "Cycles' settings": str(outcome.variant) + (", OSL" if outcome.osl else ""),
+        "slopes apart": ", ".join(name for name, levels in by_name.items() if analysis.suspect(levels)),
+        "Cycles' settings": str(outcome.variant) + (OSL if outcome.osl else ""),
         "pilot: time x error to the best": pilot(outcome),
         "engines' pictures": f"{outcome.reference.verdict}: {found.mean_difference:+.2%} ± {found.mean_half_width:.2%}",
         "noise of the reference": f"{outcome.reference.noise:.1e}",
     }
+
+
+def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, tuple], tuple[float, float]]:
+    """Each column's (ratio, low, high), and the range of errors, which is the same for all but the trimmed.
+
+    So levels of Cycles that are too short for its clock are left out of all columns; where fewer than two are left,
+    of none but that of sampling alone.
+    """
+    long = analysis.timed(cycles)
+    used = long if len(long) > 1 else cycles
+    total, sampling, trimmed = (
+        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(levels, *kind))
+        for levels, kind in ((used, ("total", "whole")), (long, ("sampling", "whole")), (used, ("total", "trimmed")))
+    )
+    ratios = {
+        RATIO: total.mean,
+        LOWEST_RATIO: total.at_lowest,
+        SAMPLING_RATIO: sampling.mean,
+        TRIMMED_RATIO: trimmed.mean,
+    }
+    if not total.enough:
+        ratios = dict.fromkeys(ratios, NO_RATIO)
+    return ratios, total.errors
 
 
 def ratio_columns(name: str, ratio: tuple[float, float, float]) -> dict[str, str]:

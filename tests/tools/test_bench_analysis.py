@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.convergence import analysis, plan
+from benchmarks.convergence import analysis, plan, tables
 from benchmarks.convergence.analysis import Curve
 from benchmarks.convergence.reference import make_reference
 from benchmarks.convergence.runs import Render
@@ -71,6 +71,42 @@ def test_no_ratio_without_errors_that_both_reach(rng):
     found = analysis.time_ratio(power_law(rng, 1e-6, 0.01), power_law(rng, 1.0, 0.01, levels=2))
     assert np.isnan(found.mean).all()
     assert np.isnan(found.errors).all()
+
+
+def test_curves_that_just_touch_are_too_few_levels(rng):
+    """Cycles from 2 to 2 / 4^5, Lobe only from 1 to 1 / 4: their common range spans a factor of 4."""
+    assert not analysis.time_ratio(power_law(rng, 1.0, 0.01, levels=2), power_law(rng, 2.0, 0.03)).enough
+    assert analysis.time_ratio(power_law(rng, 1.0, 0.01, levels=3), power_law(rng, 2.0, 0.03)).enough
+    assert not analysis.time_ratio(power_law(rng, 1e-6, 0.01), power_law(rng, 1.0, 0.01, levels=2)).enough
+
+
+def levels_of(rng, factor, seconds, levels=6, fixed=0.0, drift=1.0) -> list[analysis.Level]:
+    """drift: each level's sampling takes so much longer, beyond what its samples take. fixed: of the whole render."""
+    found = []
+    for k in range(levels):
+        errors, time = np.full(SEEDS, factor / 4.0**k), np.full(SEEDS, seconds * (4.0 * drift) ** k)
+        found.append(analysis.Level(4**k, errors, errors / 2, fixed + time, time, {}, 0.0, (0.0, 0.0), 0.0, 1e-9))
+    return found
+
+
+def test_slopes_that_differ_are_told(rng):
+    assert not analysis.suspect(levels_of(rng, 1.0, 0.1))
+    assert analysis.suspect(levels_of(rng, 1.0, 0.1, drift=0.8))
+    assert analysis.suspect(levels_of(rng, 1.0, 0.1, drift=1.3))
+
+
+def test_all_columns_have_the_same_range(rng):
+    """Cycles' first two levels are below its clock: gone from all columns. Lobe's are as short, and stay."""
+    lobe, cycles = levels_of(rng, 2.0, 0.001, fixed=0.01), levels_of(rng, 2.0, 0.005, fixed=10.0)
+    ratios, errors = tables.ratios_and_range(lobe, cycles)
+    assert errors == pytest.approx((2.0 / 4**5, 2.0 / 4**2))
+    assert ratios[tables.SAMPLING_RATIO][0] == pytest.approx(5.0)
+    assert ratios[tables.RATIO][0] > 5.0  # with the fixed times
+    ratios, errors = tables.ratios_and_range(lobe, cycles[:3])  # one is left
+    assert errors == pytest.approx((2.0 / 4**2, 2.0))
+    assert np.isnan(ratios[tables.SAMPLING_RATIO][0]) and ratios[tables.RATIO][0] > 100.0
+    ratios, _ = tables.ratios_and_range(lobe, cycles[2:4])
+    assert np.isnan([ratio[0] for ratio in ratios.values()]).all()  # a factor of 4 in common
 
 
 def test_a_level_that_is_no_better_is_left_out(rng):
