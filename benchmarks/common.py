@@ -23,10 +23,11 @@ from tools.lobe_blender import enable_lobe  # noqa: E402
 
 SAMPLES = ROOT / "sample_blends"
 RESULTS = ROOT / "benchmarks" / "results"
+SUMMARY = "geometric mean"  # what the names of rows that sum up others begin with
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
-__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "br", "enable_lobe", "engine_label", "markdown", "prepare",
-           "read_table", "render", "scene_path", "update_table"]  # fmt: skip
+__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "br", "enable_lobe", "engine_label", "markdown",
+           "prepare", "read_table", "render", "scene_path", "update_table"]  # fmt: skip
 
 
 def scene_path(name: str) -> Path:
@@ -65,12 +66,12 @@ def update_table(
     *,
     folder: Path | None = None,
     note: str = "",
-    summary: Callable[[list[dict]], dict] | None = None,
+    summary: Callable[[list[dict]], list[dict]] | None = None,
 ) -> str:
     """Put `rows` into results/`name`.csv, in place of rows with equal `keys`, and write the same table as Markdown.
 
-    folder: in place of results; note: Markdown before the table; summary: makes a last row of all the others.
-    Gives back the Markdown of the new rows.
+    folder: in place of results; note: Markdown before the table; summary: makes last rows of all the others, whose
+    first key begins with SUMMARY. Gives back the Markdown of the new rows.
     """
     folder = RESULTS if folder is None else folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -82,12 +83,12 @@ def update_table(
     if len(old) < len(kept):
         print(f"{name}: its columns have changed, {len(kept) - len(old)} old rows are dropped", file=sys.stderr)
     if summary is not None:
-        old = old[:-1]
+        old = [row for row in old if not row[keys[0]].startswith(SUMMARY)]
     fresh = {tuple(row[k] for k in keys) for row in rows}
     together = [row for row in old if tuple(row[k] for k in keys) not in fresh] + rows
     together.sort(key=lambda row: tuple(row[k] for k in keys))
     if summary is not None:
-        together.append(summary(together))
+        together += summary(together)
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, fields, lineterminator="\n")
         writer.writeheader()

@@ -139,6 +139,8 @@ class Curve:
 
         A level that isn't better than a shorter one is left out: whoever waits would have taken the shorter.
         """
+        if not len(self.errors):
+            return np.empty(0), np.empty(0)
         error, seconds = self.errors[:, seeds].mean(axis=1), np.median(self.seconds[:, seeds], axis=1)
         best = np.minimum.accumulate(np.concatenate([[np.inf], error[:-1]]))
         kept = (error < best) & (error > 0.0) & (seconds > 0.0)
@@ -202,9 +204,10 @@ def _quantiles(logs: np.ndarray) -> tuple[float, float, float]:
 def curve(levels: Sequence[Level], seconds: str, error: str = "whole") -> Curve:
     """seconds: "total" or "sampling"; error: "whole" or "trimmed"."""
     used = [lv for lv in levels if lv.usable]
-    seeds = len(levels[0].whole)
-    errors = np.array([getattr(lv, error) for lv in used]).reshape(-1, seeds)
-    return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(-1, seeds))
+    runs = len(levels[0].whole) if levels else 0
+    shape = len(used), runs
+    errors = np.array([getattr(lv, error) for lv in used]).reshape(shape)
+    return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(shape))
 
 
 def geometric_mean(ratios: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:

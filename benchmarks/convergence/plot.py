@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..common import engine_label
-from . import analysis
+from . import analysis, tables
 from .analysis import Level
 from .campaign import Outcome
 
@@ -82,9 +83,8 @@ def statement(outcome: Outcome, error: str) -> str:
     """What the panel shows, in words; empty when there are not two curves that reach the same errors."""
     if set(outcome.levels) != set(COLORS):
         return ""
-    lobe, cycles = (analysis.curve(outcome.levels[engine], "total", error) for engine in COLORS)
-    ratio = analysis.time_ratio(lobe, cycles)
-    if not ratio.enough:
+    ratios, _ = tables.ratios_and_range(*(outcome.levels[engine] for engine in COLORS))
+    median, low, high = ratios[tables.RATIO if error == "whole" else tables.TRIMMED_RATIO]
+    if not math.isfinite(median):
         return "too few levels for a ratio of times"
-    median, low, high = ratio.mean
     return f"to equal error Cycles takes {median:.2f} ({low:.2f} to {high:.2f}) times as long"

@@ -14,15 +14,15 @@ from .. import common
 from . import analysis
 from .analysis import PHASES, Level
 from .campaign import Outcome
-from .plan import ENGINES, VARIANTS
+from .plan import ENGINES, VARIANTS, Settings
 
-GEOMETRIC_MEAN = "geometric mean"
 RATIO = "time to equal error, Cycles / Lobe"
 SAMPLING_RATIO = "the same, sampling alone"
 LOWEST_RATIO = "the same, at the lowest error"
 TRIMMED_RATIO = "the same, trimmed errors"
 INTERVAL = ": 95 % interval"
 OSL = ", OSL"
+DIFFER = "DIFFER"  # a verdict of `Reference`
 NO_RATIO = (math.nan,) * 3
 
 CONVERGENCE_NOTE = """\
@@ -40,19 +40,21 @@ seeds; no ratio is given where that range spans less than a factor of 10 ("too f
 range of their own. Cycles' sampling time holds what it prepares on the device, and levels at which it is below 0.05 s
 are left out, as Cycles tells it in hundredths. "Slopes apart" names an engine whose slopes over time and over samples
 differ by more than 0.15: something else than samples moved its times, so read its row with care. "OSL": Cycles shades
-the Phong surfaces of the scene with Open Shading Language, which slows it.
+the Phong surfaces of the scene with Open Shading Language, which slows it. Geometric means are of the sample scenes at
+the resolution and threads of `make bench`, without those whose pictures DIFFER.
 
 """
 
 
 def write(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, str]]:
-    """Put the outcomes into both tables; gives back all rows of `equal_error` with the geometric mean."""
+    """Put the outcomes into both tables; gives back all rows of `equal_error` with the geometric means, as they are
+    when these outcomes are of one engine alone."""
     levels = [row for outcome in outcomes for row in level_rows(outcome)]
-    common.update_table("convergence", ("scene", "engine"), levels, folder=folder, note=CONVERGENCE_NOTE)
+    keys = ("scene", "resolution", "threads")
+    common.update_table("convergence", (*keys, "engine"), levels, folder=folder, note=CONVERGENCE_NOTE)
     scenes = [scene_row(outcome) for outcome in outcomes if len(outcome.settings.engines) == len(ENGINES)]
-    if not scenes:
-        return []
-    common.update_table("equal_error", ("scene",), scenes, folder=folder, note=EQUAL_ERROR_NOTE, summary=summary)
+    if scenes:
+        common.update_table("equal_error", keys, scenes, folder=folder, note=EQUAL_ERROR_NOTE, summary=summary)
     return common.read_table("equal_error", folder)
 
 
@@ -119,19 +121,25 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
 def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, tuple], tuple[float, float]]:
     """Each column's (ratio, low, high), and the range of errors, which is the same for all but the trimmed.
 
-    So levels of Cycles that are too short for its clock are left out of all columns; where fewer than two are left,
-    of none but that of sampling alone.
+    So levels of Cycles that are too short for its clock are left out of all columns; where the rest is too few, of
+    none, and there is no ratio of sampling alone.
     """
     long = analysis.timed(cycles)
-    used = long if len(long) > 1 else cycles
     total, sampling, trimmed = (
-        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(levels, *kind))
-        for levels, kind in ((used, ("total", "whole")), (long, ("sampling", "whole")), (used, ("total", "trimmed")))
+        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(long, *kind))
+        for kind in (("total", "whole"), ("sampling", "whole"), ("total", "trimmed"))
     )
+    at_sampling = sampling.mean
+    if not total.enough and len(long) < len(cycles):
+        total, trimmed = (
+            analysis.time_ratio(analysis.curve(lobe, "total", error), analysis.curve(cycles, "total", error))
+            for error in ("whole", "trimmed")
+        )
+        at_sampling = NO_RATIO
     ratios = {
         RATIO: total.mean,
         LOWEST_RATIO: total.at_lowest,
-        SAMPLING_RATIO: sampling.mean,
+        SAMPLING_RATIO: at_sampling,
         TRIMMED_RATIO: trimmed.mean,
     }
     if not total.enough:
@@ -157,18 +165,40 @@ def pilot(outcome: Outcome) -> str:
     return "; ".join(f"{variant}: {costs[variant] / best:.2f}" for variant in VARIANTS)
 
 
-def summary(rows: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """The last row: geometric means over the scenes of the table that have the ratio, intervals from theirs."""
-    row = dict.fromkeys(rows[0], "") | {"scene": f"{GEOMETRIC_MEAN} of {len(rows)}"}
-    for name in (RATIO, SAMPLING_RATIO, LOWEST_RATIO, TRIMMED_RATIO):
-        ratios = [(float(r[name]), *map(float, r[name + INTERVAL].split(" to "))) for r in rows if r[name]]
+def summary(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """The last rows: geometric means over the scenes that count, and over those of them that Cycles renders without
+    Open Shading Language, where it is at its best."""
+    counting = [
+        row for row in rows if row[RATIO] and is_headline(row) and not row["engines' pictures"].startswith(DIFFER)
+    ]
+    without_osl = [row for row in counting if not row["Cycles' settings"].endswith(OSL)]
+    found = [(counting, ""), (without_osl, " without OSL")]
+    return [mean_row(kept, f"{common.SUMMARY} of {len(kept)}{suffix}") for kept, suffix in found if kept]
+
+
+def is_headline(row: Mapping[str, str]) -> bool:
+    """Whether it is one of what the README quotes: a sample scene, as `make bench` renders it, or what sums them up."""
+    usual = Settings(Path())
+    return row["scene"].startswith(common.SUMMARY) or (
+        row["scene"] in common.SCENES
+        and row["resolution"] == "{}x{}".format(*usual.resolution)
+        and row["threads"] == str(usual.threads)
+        and int(row["seeds"]) >= usual.seeds
+    )
+
+
+def mean_row(rows: Sequence[Mapping[str, str]], name: str) -> dict[str, str]:
+    """Geometric means of those of the rows that have the ratio, intervals from theirs."""
+    mean = dict.fromkeys(rows[0], "") | {"scene": name}
+    for column in (RATIO, LOWEST_RATIO, SAMPLING_RATIO, TRIMMED_RATIO):
+        ratios = [(float(r[column]), *map(float, r[column + INTERVAL].split(" to "))) for r in rows if r[column]]
         if ratios:
-            row |= ratio_columns(name, analysis.geometric_mean(ratios))  # type: ignore[arg-type]
-    return row
+            mean |= ratio_columns(column, analysis.geometric_mean(ratios))  # type: ignore[arg-type]
+    return mean
 
 
 def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """What the README quotes of `equal_error`: a row for each scene, ratios with their intervals."""
+    """As narrow as a README's table: of rows of `equal_error` ratios with their intervals."""
 
     def with_interval(row: Mapping[str, str], name: str) -> str:
         return f"{row[name]} ({row[name + INTERVAL]})" if row[name] else "too few levels"

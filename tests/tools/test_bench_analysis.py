@@ -97,7 +97,7 @@ def test_slopes_that_differ_are_told(rng):
 
 def test_all_columns_have_the_same_range(rng):
     """Cycles' first two levels are below its clock: gone from all columns. Lobe's are as short, and stay."""
-    lobe, cycles = levels_of(rng, 2.0, 0.001, fixed=0.01), levels_of(rng, 2.0, 0.005, fixed=10.0)
+    lobe, cycles = levels_of(rng, 2.0, 0.001), levels_of(rng, 2.0, 0.005, fixed=10.0)
     ratios, errors = tables.ratios_and_range(lobe, cycles)
     assert errors == pytest.approx((2.0 / 4**5, 2.0 / 4**2))
     assert ratios[tables.SAMPLING_RATIO][0] == pytest.approx(5.0)
@@ -105,6 +105,8 @@ def test_all_columns_have_the_same_range(rng):
     ratios, errors = tables.ratios_and_range(lobe, cycles[:3])  # one is left
     assert errors == pytest.approx((2.0 / 4**2, 2.0))
     assert np.isnan(ratios[tables.SAMPLING_RATIO][0]) and ratios[tables.RATIO][0] > 100.0
+    ratios, _ = tables.ratios_and_range(lobe, levels_of(rng, 2.0, 0.001, levels=3))  # none is
+    assert np.isnan(ratios[tables.SAMPLING_RATIO][0]) and ratios[tables.RATIO][0] == pytest.approx(1.0)
     ratios, _ = tables.ratios_and_range(lobe, cycles[2:4])
     assert np.isnan([ratio[0] for ratio in ratios.values()]).all()  # a factor of 4 in common
 

@@ -185,15 +185,62 @@ def test_lobe_alone_is_still_measured_against_both(tmp_path, scene):
 def test_tables(tmp_path, scene):
     outcome = measure(tmp_path, settings(scene), FakeRenderer())
     rows = tables.write([outcome], tmp_path / "results")
-    assert [row["scene"] for row in rows] == ["scene", "geometric mean of 1"]
+    assert [row["scene"] for row in rows] == ["scene"]  # and no mean: it is none of the samples
     assert 4.0 < float(rows[0][tables.RATIO]) < 7.0
-    assert rows[1][tables.RATIO] == rows[0][tables.RATIO]
     assert rows[0]["Cycles' settings"] == "light tree off, guiding off"
-    assert rows == tables.write([outcome], tmp_path / "results")  # again: the same, with one last row
+    assert rows == tables.write([outcome], tmp_path / "results")  # again: the same
     levels = common.read_table("convergence", tmp_path / "results")
     assert len(levels) == len(outcome.levels["LOBE"]) + len(outcome.levels["CYCLES"])
     assert "ratio" in (tmp_path / "results" / "equal_error.md").read_text().split("|")[0]
     assert "no claim" in (tmp_path / "results" / "convergence.md").read_text().split("|")[0]
+
+
+def made_up(scene: str, ratio: float, **changes) -> dict[str, str]:
+    """A row of `equal_error` with what the geometric means look at."""
+    ratios = {}
+    for name in (tables.RATIO, tables.LOWEST_RATIO, tables.SAMPLING_RATIO, tables.TRIMMED_RATIO):
+        ratios |= tables.ratio_columns(name, (ratio, ratio, ratio))
+    return {"scene": scene, "resolution": "384x256", "threads": "2", "seeds": "8", "Cycles' settings": "light tree on",
+            "engines' pictures": "agree: +0.07%"} | ratios | changes  # fmt: skip
+
+
+def test_means_are_of_the_samples_as_make_bench_renders_them():
+    rows = [
+        made_up("world", 2.0),
+        made_up("lamps", 8.0, **{"Cycles' settings": "light tree on, OSL"}),
+        made_up("instances", 100.0, **{"engines' pictures": "DIFFER: +5%"}),
+        made_up("instances", 100.0, resolution="24x16"),
+        made_up("instances", 100.0, threads="1"),
+        made_up("instances", 100.0, seeds="2"),
+        made_up("somebody's", 100.0),
+        made_up("many_lights", np.nan),
+    ]
+    found = {row["scene"]: row[tables.RATIO] for row in tables.summary(rows)}
+    assert found == {"geometric mean of 2": "4.00", "geometric mean of 1 without OSL": "2.00"}
+    assert [tables.is_headline(row) for row in rows] == [True, True, True, False, False, False, False, True]
+    assert tables.summary(rows[3:]) == []
+
+
+def test_old_means_give_way_to_new_ones(tmp_path):
+    for count in (2, 1):
+        rows = [made_up(name, 2.0) for name in common.SCENES[:count]]
+        common.update_table("t", ("scene",), rows, folder=tmp_path, summary=tables.summary)
+    assert [row["scene"] for row in common.read_table("t", tmp_path)][-2:] == [
+        "geometric mean of 2", "geometric mean of 2 without OSL",
+    ]  # fmt: skip
+
+
+def test_another_resolution_has_a_row_of_its_own(tmp_path, scene):
+    for resolution in (RESOLUTION, (24, 16), (16, 24)):
+        chosen = settings(scene, resolution=resolution)
+        rows = tables.write([measure(tmp_path, chosen, FakeRenderer())], tmp_path / "results")
+    assert sorted(row["resolution"] for row in rows) == ["16x24", "24x16"]
+
+
+def test_a_run_of_lobe_alone_leaves_the_ratios_of_before(tmp_path, scene):
+    both = tables.write([measure(tmp_path, settings(scene), FakeRenderer())], tmp_path / "results")
+    alone = measure(tmp_path, settings(scene, engines=("LOBE",)), FakeRenderer())
+    assert tables.write([alone], tmp_path / "results") == both != []
 
 
 def test_the_page_needs_nothing_else_and_keeps_other_scenes(tmp_path, scene):
