@@ -141,6 +141,19 @@ def test_every_part_of_the_key_counts(tmp_path, scene):
     assert len({one, *others}) == 1 + len(others)
 
 
+def test_both_engines_renders_depend_on_what_the_tools_set(monkeypatch):
+    before = runs.fingerprints()
+    assert runs.fingerprints() == before
+    for owner, name in ((common, "prepare"), (common, "leave_out"), (runs.br, "set_engine"), (runs, "BlenderRenderer")):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, settings)  # another source
+            after = runs.fingerprints()
+        assert after["LOBE"] != before["LOBE"] and after["CYCLES"] != before["CYCLES"], name
+    with monkeypatch.context() as patch:
+        patch.setattr(common, "LOBES_OFF", {})
+        assert runs.fingerprints()["CYCLES"] != before["CYCLES"]
+
+
 def test_a_kept_render_is_the_same(tmp_path):
     render = FakeRenderer()(job("level", "CYCLES", 4, 0))
     runs.save(tmp_path / "a.npz", render)
