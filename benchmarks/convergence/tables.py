@@ -25,15 +25,26 @@ OSL = ", OSL"
 DIFFER = "DIFFER"  # a verdict of `Reference`
 NO_RATIO = (math.nan,) * 3
 
-CONVERGENCE_NOTE = """\
+SETTINGS = """\
+Both engines have the box filter, the same bounces, clamps (none in the samples), samples and threads; adaptive
+sampling, denoising, time limits, soft falloff, light threshold, filter glossy and shadow terminator offsets are off,
+caustics on, surfaces emit to both sides. Errors are of scene-linear pictures."""
+AGREEMENT = """\
+Long renders of the engines "agree" when their means differ by less than 0.2 %, or by less than the half width of the
+95 % interval of that difference, and 99.75 % of pixels and channels pass Welch's test at the Sidak level of 1 %."""
+CONVERGENCE_NOTE = f"""\
+{SETTINGS}
 relMSE has the noise of the reference taken off; a star under "near it" marks one below 5 times that noise. "±" is the
-standard error over the seeds; "bias" the unbiased squared bias against the reference, on the scale of relMSE. Seconds
-are medians of warm renders on one machine, and only there to see where time goes: they are no claim. The ratios of
-times taken in turn are in [equal_error.md](equal_error.md). What Cycles doesn't tell is empty; its "export" holds its
-whole synchronisation, its "sampling" what it prepares on the device, in hundredths of a second.
+standard error over the seeds; "bias" the unbiased squared bias against the reference, on the scale of relMSE; FLIP is
+the mean of the first two seeds. At few samples Cycles' bias is real: it puts the first sample of each pixel in the
+pixel's middle, so that at 1 sample edges are hard. Seconds are medians of warm renders on one machine, and only there
+to see where time goes: they are no claim. The ratios of times taken in turn are in [equal_error.md](equal_error.md).
+What Cycles doesn't tell is empty; its "export" holds its whole synchronisation, its "sampling" what it prepares on the
+device, in hundredths of a second.
 
 """
-EQUAL_ERROR_NOTE = """\
+EQUAL_ERROR_NOTE = f"""\
+{SETTINGS} Times are of warm renders: Lobe's kernels are loaded, and each engine has rendered the scene before.
 All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
 1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
 seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a
@@ -41,7 +52,7 @@ range of their own. Cycles' sampling time holds what it prepares on the device, 
 are left out, as Cycles tells it in hundredths. "Slopes apart" names an engine whose slopes over time and over samples
 differ by more than 0.15: something else than samples moved its times, so read its row with care. "OSL": Cycles shades
 the Phong surfaces of the scene with Open Shading Language, which slows it. Geometric means are of the sample scenes at
-the resolution and threads of `make bench`, without those whose pictures DIFFER.
+the resolution and threads of `make bench`, without those whose pictures DIFFER. {AGREEMENT}
 
 """
 

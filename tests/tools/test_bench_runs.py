@@ -206,6 +206,8 @@ def test_tables(tmp_path, scene):
     assert len(levels) == len(outcome.levels["LOBE"]) + len(outcome.levels["CYCLES"])
     assert "ratio" in (tmp_path / "results" / "equal_error.md").read_text().split("|")[0]
     assert "no claim" in (tmp_path / "results" / "convergence.md").read_text().split("|")[0]
+    for name in ("equal_error.md", "convergence.md"):
+        assert "box filter, the same bounces" in (tmp_path / "results" / name).read_text().split("|")[0]
 
 
 def made_up(scene: str, ratio: float, **changes) -> dict[str, str]:
@@ -268,5 +270,6 @@ def test_the_page_needs_nothing_else_and_keeps_other_scenes(tmp_path, scene):
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not re.search(r"https?://|url\(|<script|<link|@import", text)
     assert "<h2>other</h2>" in text
+    assert "box filter, the same bounces" in text and "less than 0.2 %" in text
     assert path.with_name("page_scene.png").read_bytes().startswith(b"\x89PNG")
     assert len(text) < 400_000
