@@ -113,6 +113,7 @@ def results_folder(options: argparse.Namespace, paths: list[Path]) -> Path:
 
 def convergence(options: argparse.Namespace, say) -> int:
     """Measure the scenes one after the other, and write what is known after each."""
+    from benchmarks import goals
     from benchmarks.convergence import page, runs, tables
 
     paths = scene_paths(options.scenes)
@@ -131,6 +132,8 @@ def convergence(options: argparse.Namespace, say) -> int:
         rows = tables.write(outcomes, folder)
         page.write(folder / "convergence.html", sections, outcomes, tables.short(rows))
     both = options.engines == plan.ENGINES
+    if folder == common.RESULTS:
+        goals.write()
     if both and folder == common.RESULTS:
         tables.quote(ROOT / "README.md", common.markdown(tables.short([r for r in rows if tables.is_headline(r)])))
     say(common.markdown(tables.short(rows) if both else [row for o in outcomes for row in tables.level_rows(o)]))
@@ -142,19 +145,14 @@ def convergence(options: argparse.Namespace, say) -> int:
 
 def ceiling(options: argparse.Namespace, say) -> int:
     """Renders beside their rays, replayed; as many pairs as there are seeds."""
-    from benchmarks import ceiling
+    from benchmarks import ceiling, goals
 
     paths = scene_paths(options.scenes)
+    folder = results_folder(options, paths)
     common.enable_lobe()
-    say(
-        ceiling.table(
-            [str(path) for path in paths],
-            options.resolution,
-            options.threads,
-            options.seeds,
-            results_folder(options, paths),
-        )
-    )
+    say(ceiling.table([str(path) for path in paths], options.resolution, options.threads, options.seeds, folder))
+    if folder == common.RESULTS:
+        goals.write()
     return 0
 
 

@@ -22,6 +22,7 @@ LOWEST_RATIO = "the same, at the lowest error"
 TRIMMED_RATIO = "the same, trimmed errors"
 INTERVAL = ": 95 % interval"
 OSL = ", OSL"
+WITHOUT_OSL = " without OSL"
 DIFFER = "DIFFER"  # a verdict of `Reference`
 NO_RATIO = (math.nan,) * 3
 
@@ -183,7 +184,7 @@ def summary(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
         row for row in rows if row[RATIO] and is_headline(row) and not row["engines' pictures"].startswith(DIFFER)
     ]
     without_osl = [row for row in counting if not row["Cycles' settings"].endswith(OSL)]
-    found = [(counting, ""), (without_osl, " without OSL")]
+    found = [(counting, ""), (without_osl, WITHOUT_OSL)]
     return [mean_row(kept, f"{common.SUMMARY} of {len(kept)}{suffix}") for kept, suffix in found if kept]
 
 
