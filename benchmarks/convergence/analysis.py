@@ -181,8 +181,8 @@ def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, flo
 def time_ratio(lobe: Curve, cycles: Curve, seed: int = 0) -> TimeRatio:
     """How many times longer Cycles takes to the same error, with a 95 % interval from a bootstrap over the runs.
 
-    A run is a pair of renders made one after the other at each level, and is drawn as a whole: a slow minute of the
-    machine hits both of the pair, and a longer render continues a shorter one's random numbers.
+    A run is a round of one seed, both engines' renders of all levels in turn, and is drawn as a whole: a slow minute
+    of the machine hits both engines, and a longer render continues a shorter one's random numbers.
     """
     rng = np.random.default_rng(seed)
     runs = lobe.errors.shape[1]
