@@ -2,10 +2,11 @@
 
 Plain samples are those of a path tracer without light sampling: light counts where the BSDF's own rays meet it. The
 same kernel renders them, without its light sampling. Both roads render each scene anew at 1, 4, 16, ... samples;
-errors are taken against a long render with other random numbers, seconds from the scene's description to its
-picture. "plain mean" is how far the mean of the plain picture is off the reference's: where light sampling alone finds
-some of the light, as that of points, the plain road never gets to the picture. Writes classic.csv, classic.md and a
-plot of the curves of each scene to benchmarks/results/.
+errors are taken against a long render with other random numbers, in two halves that tell its noise, seconds from the
+scene's description to its picture. Lobe renders from several seeds; the plain road, which takes an hour, from one.
+"plain mean" is how far the mean of the plain picture is off the reference's: where light sampling alone finds some of
+the light, as that of points, the plain road never gets to the picture. Writes classic.csv, classic.md,
+classic_curves.csv and a plot of the curves of each scene to benchmarks/results/.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +34,7 @@ from tools.render import resolution, whole_number
 SCENES = "cornell_diffuse", "plates_phong"
 LEVEL_FACTOR = 4
 SEED, REFERENCE_SEED = 1, 1001
+WANTED = 10.0  # seconds, at most, at 768 x 512
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,33 @@ class Curve:
         return float(np.exp(x[0] + (x[1] - x[0]) * (np.log(error) - y[0]) / (y[1] - y[0])))
 
 
+def typical(curves: Sequence[Curve]) -> Curve:
+    """Of one road's curves from several seeds: median seconds, mean errors."""
+    return Curve(
+        curves[0].samples,
+        np.median([one.seconds for one in curves], axis=0),
+        np.mean([one.error for one in curves], axis=0),
+        float(np.mean([one.brighter for one in curves])),
+    )
+
+
+def rows_of(name: str, where: str, road: str, curves: Sequence[Curve]) -> list[dict]:
+    """Of classic_curves.csv: one a seed and level."""
+    return [
+        {"scene": name, "resolution": where, "road": road, "seed": seed, "samples": f"{samples:.0f}",
+         "seconds": f"{seconds:.4f}", "relMSE": f"{error:.4e}"}
+        for seed, one in enumerate(curves, SEED)
+        for samples, seconds, error in zip(one.samples, one.seconds, one.error, strict=True)
+    ]  # fmt: skip
+
+
+def joined(halves: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    """The mean of two renders of equal samples and other seeds, and the relMSE that this mean has itself."""
+    a, b = (half.astype(np.float64) for half in halves)
+    mean = (a + b) / 2
+    return mean, float((((a - b) / 2) ** 2 / (mean**2 + metrics.REL_MSE_EPSILON)).mean())
+
+
 def levels(most: int) -> list[int]:
     """1, 4, 16, ... and `most`."""
     powers = [LEVEL_FACTOR**k for k in range(12) if LEVEL_FACTOR**k < most]
@@ -73,8 +103,8 @@ def curve(scene: Scene, settings: list[Settings], reference: np.ndarray, bar: tq
     return Curve(samples, seconds, errors, float(result.pixels[..., :3].mean(dtype=float) / reference.mean() - 1))
 
 
-def measure(name: str, options: argparse.Namespace) -> tuple[dict, Curve, Curve]:
-    """A row of the table, Lobe's curve and the plain one."""
+def measure(name: str, options: argparse.Namespace) -> tuple[dict, list[Curve], Curve]:
+    """A row of the table, Lobe's curves and the plain one."""
     common.prepare(common.scene_path(name), options.resolution, options.threads)
     scene = exported()
 
@@ -85,16 +115,25 @@ def measure(name: str, options: argparse.Namespace) -> tuple[dict, Curve, Curve]
         return forced(lambda features: features._replace(emitter_choice=NO_EMITTER))
 
     ours, theirs = levels(options.samples), levels(options.plain_samples)
-    with tqdm(total=options.reference_samples + sum(ours) + sum(theirs), desc=name, unit="spp", file=sys.stderr) as bar:
+    half = options.reference_samples // 2
+    total = 2 * half + options.seeds * sum(ours) + sum(theirs)
+    with tqdm(total=total, desc=name, unit="spp", file=sys.stderr) as bar:
         render(scene, settings(1))  # compiles
-        reference = render(scene, settings(options.reference_samples, REFERENCE_SEED)).pixels[..., :3].astype(float)
-        bar.update(options.reference_samples)
-        lobe = curve(scene, [settings(n) for n in ours], reference, bar)
+        halves = []
+        for seed in (REFERENCE_SEED, REFERENCE_SEED + 1):
+            halves.append(render(scene, settings(half, seed)).pixels[..., :3])
+            bar.update(half)
+        reference, noise = joined(halves)
+        lobe = [
+            curve(scene, [settings(n, seed) for n in ours], reference, bar)
+            for seed in range(SEED, SEED + options.seeds)
+        ]
         with plain():
             render(scene, settings(1))
             plain_curve = curve(scene, [settings(n) for n in theirs], reference, bar)
     goal = float(plain_curve.error[-1])
-    soon = lobe.seconds_to(goal)
+    soon = sorted(one.seconds_to(goal) for one in lobe)
+    middle = float(np.median(soon))
     row = {
         "scene": name,
         "resolution": "{}x{}".format(*options.resolution),
@@ -102,10 +141,12 @@ def measure(name: str, options: argparse.Namespace) -> tuple[dict, Curve, Curve]
         "plain samples": options.plain_samples,
         "their relMSE": f"{goal:.2e}",
         "their seconds": f"{plain_curve.seconds[-1]:.0f}",
-        "Lobe's seconds to it": f"{soon:.1f}",
-        "ratio": f"{plain_curve.seconds[-1] / soon:.0f}",
+        "seeds": options.seeds,
+        "Lobe's seconds to it": f"{middle:.1f} ({soon[0]:.1f} to {soon[-1]:.1f})",
+        "wanted: at most, s": f"{WANTED:g}",
+        "ratio": f"{plain_curve.seconds[-1] / middle:.0f}",
         "plain mean": f"{plain_curve.brighter:+.2%}",
-        "noise of the reference": f"{lobe.error[-1] * lobe.samples[-1] / options.reference_samples:.1e}",
+        "noise of the reference": f"{noise:.1e}",
     }
     return row, lobe, plain_curve
 
@@ -132,7 +173,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--resolution", type=resolution, default=(768, 512), metavar="WxH")
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=256, metavar="N", help="Lobe's most")
     parser.add_argument("--plain-samples", type=whole_number(1, 1 << 24), default=16_384, metavar="N")
-    parser.add_argument("--reference-samples", type=whole_number(1, 1 << 24), default=2048, metavar="N")
+    parser.add_argument("--reference-samples", type=whole_number(2, 1 << 24), default=2048, metavar="N")
+    parser.add_argument("--seeds", type=whole_number(1, 1000), default=3, metavar="N", help="Lobe's")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
     return parser.parse_args()
 
@@ -145,7 +187,10 @@ def main() -> int:
             for name in options.scenes:
                 row, lobe, plain = measure(name, options)
                 table = common.update_table("classic", ("scene", "resolution", "plain samples"), [row])
-                plot(name, lobe, plain, common.RESULTS / f"classic_{name}.png")
+                where = row["resolution"]
+                rows = rows_of(name, where, "Lobe", lobe) + rows_of(name, where, "plain", [plain])
+                common.update_table("classic_curves", ("scene", "resolution"), rows)
+                plot(name, typical(lobe), plain, common.RESULTS / f"classic_{name}.png")
                 say(table)
         except br.ToolError as error:
             print(f"classic.py: {error}", file=sys.stderr)

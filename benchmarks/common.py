@@ -23,10 +23,11 @@ from tools.lobe_blender import enable_lobe  # noqa: E402
 
 SAMPLES = ROOT / "sample_blends"
 RESULTS = ROOT / "benchmarks" / "results"
+SUMMARY = "geometric mean"  # what the names of rows that sum up others begin with
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
-__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "br", "enable_lobe", "engine_label", "markdown", "prepare",
-           "read_table", "render", "scene_path", "update_table"]  # fmt: skip
+__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "br", "enable_lobe", "engine_label", "leave_out",
+           "markdown", "prepare", "read_table", "render", "scene_path", "update_table"]  # fmt: skip
 
 
 def scene_path(name: str) -> Path:
@@ -35,14 +36,35 @@ def scene_path(name: str) -> Path:
 
 
 def prepare(path: Path, resolution: tuple[int, int] | None, threads: int):
-    """Open the file for a comparison: box filter, a fixed number of threads. Gives back the scene."""
+    """Open the file for a comparison: box filter, a fixed number of threads, none of what changes a picture beyond
+    what both engines do alike. Gives back the scene."""
     scene = br.open_blend(path)
     if resolution is not None:
         br.set_resolution(scene, *resolution)
     br.set_threads(scene, threads)
     scene.lobe.pixel_filter = "BOX"
-    scene.render.use_persistent_data = False
+    leave_out(scene)
     return scene
+
+
+# What Cycles goes without too, see addon/compare/peer.py, and what Blender would do to the picture afterwards, or to
+# renders after the first. As addon/compare/matching.py has it.
+LOBES_OFF = {"use_adaptive_sampling": False, "use_denoising": False, "time_limit": 0.0}
+BLENDERS_OFF = ("use_compositing", "use_sequencer", "use_multiview", "use_persistent_data")
+
+
+def leave_out(scene) -> None:
+    """Switch off in a user's file what would make it another comparison; the file itself isn't saved."""
+    import bpy
+
+    for key, value in LOBES_OFF.items():
+        setattr(scene.lobe, key, value)
+    for key in BLENDERS_OFF:
+        setattr(scene.render, key, False)
+    scene.render.use_crop_to_border = scene.render.use_crop_to_border or scene.render.use_border
+    for light in bpy.data.lights:
+        if light.library is None and hasattr(light, "use_soft_falloff"):
+            light.use_soft_falloff = False
 
 
 def render(scene, engine: str, samples: int, seed: int) -> tuple[np.ndarray, dict]:
@@ -65,12 +87,12 @@ def update_table(
     *,
     folder: Path | None = None,
     note: str = "",
-    summary: Callable[[list[dict]], dict] | None = None,
+    summary: Callable[[list[dict]], list[dict]] | None = None,
 ) -> str:
     """Put `rows` into results/`name`.csv, in place of rows with equal `keys`, and write the same table as Markdown.
 
-    folder: in place of results; note: Markdown before the table; summary: makes a last row of all the others.
-    Gives back the Markdown of the new rows.
+    folder: in place of results; note: Markdown before the table; summary: makes last rows of all the others, whose
+    first key begins with SUMMARY. Gives back the Markdown of the new rows.
     """
     folder = RESULTS if folder is None else folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -82,12 +104,12 @@ def update_table(
     if len(old) < len(kept):
         print(f"{name}: its columns have changed, {len(kept) - len(old)} old rows are dropped", file=sys.stderr)
     if summary is not None:
-        old = old[:-1]
+        old = [row for row in old if not row[keys[0]].startswith(SUMMARY)]
     fresh = {tuple(row[k] for k in keys) for row in rows}
     together = [row for row in old if tuple(row[k] for k in keys) not in fresh] + rows
     together.sort(key=lambda row: tuple(row[k] for k in keys))
     if summary is not None:
-        together.append(summary(together))
+        together += summary(together)
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, fields, lineterminator="\n")
         writer.writeheader()

@@ -52,6 +52,20 @@ LEFT_OUT = {
     "world": "the image and its tables, sampling it",
     "lens": "a point of the lens",
     "clamp": "limits of contributions",
+    "holdout": "surfaces that are holes in the picture; renders path by path",
+    "transparent_film": "how much of the background shows; with it, the background isn't drawn",
+    "light_passes": "sums of the parts of the light; with it, the passes Emission and Environment",
+}
+FORCED = EVERYTHING | {"holdout": 1, "transparent_film": 1, "light_passes": 1}
+
+PASSES = "EMISSION", "ENVIRONMENT"
+
+# Fields of Features without a row: in each of their values the kernel does as much.
+CHOICES = {
+    "orthographic": "one camera or the other",
+    "hemisphere": "one way or another to sample a cosine",
+    "lobe_selection": "one way or another to choose between lobes",
+    "shared_light": "light found in both ways counts by MIS, or each way has its own; see kernels/mis.py",
 }
 
 
@@ -65,7 +79,12 @@ class Pair(NamedTuple):
 def pair(own: Features, feature: str) -> Pair | None:
     """None where the scene has the feature. One emitter alone lacks the tree that chooses between many."""
     present = own.emitter_choice == EMITTER_TREE if feature == "emitter_choice" else bool(getattr(own, feature))
-    return None if present else Pair(own, own._replace(**{feature: EVERYTHING[feature]}))
+    return None if present else Pair(own, own._replace(**{feature: FORCED[feature]}))
+
+
+def asked(settings: Settings, feature: str) -> Settings:
+    """Passes have to be asked for as well, so that there is room for them: those that need no colours beside them."""
+    return replace(settings, passes=PASSES) if feature == "light_passes" else settings
 
 
 def measure(scenes: dict[str, Scene], feature: str, threads: int, runs: int) -> dict:
@@ -95,21 +114,22 @@ def _times_and_tables(scene: Scene, settings: Settings, feature: str, runs: int)
     """(median ratio of the render phase with its range, bytes that the tables and the threads' memory grow by)."""
 
     def change(features: Features) -> Features:
-        return features._replace(**{feature: EVERYTHING[feature]})
+        return features._replace(**{feature: FORCED[feature]})
 
     seconds: dict[bool, list[float]] = {True: [], False: []}
     for run in range(runs + 1):
         for on in (True, False) if run % 2 else (False, True):
             if on:
                 with forced(change):
-                    taken = render(scene, settings).seconds["render"]
+                    taken = render(scene, asked(settings, feature)).seconds["render"]
             else:
                 taken = render(scene, settings).seconds["render"]
             if run:  # the first compiles
                 seconds[on].append(taken)
     without = _bytes(scene, settings)
     with forced(change):
-        return metrics.median_ratio(seconds[True], seconds[False]), _bytes(scene, settings) - without
+        more = _bytes(scene, asked(settings, feature)) - without
+    return metrics.median_ratio(seconds[True], seconds[False]), more
 
 
 def _bytes(scene: Scene, settings: Settings) -> int:

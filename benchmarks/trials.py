@@ -141,7 +141,7 @@ TRIALS = (
     ),
     Trial(
         "emitters sampled by area",
-        "solid-angle sampling of triangles, rectangles and spheres",
+        "solid-angle sampling of triangles and rectangles",
         True,
         "code",
         [(KERNELS + "light/spherical.py", "FAR_RATIO = np.float32(2)", "FAR_RATIO = np.float32(0)")],
@@ -346,6 +346,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--reference-samples", type=whole_number(1, 1 << 24), default=8192, metavar="N")
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
+    parser.add_argument("--list", action="store_true", help="render nothing: write the list anew from trials.csv")
     return parser.parse_args()
 
 
@@ -373,26 +374,44 @@ def run(options: argparse.Namespace, say) -> None:
         for trial in tqdm(trials, file=sys.stderr):
             rows.append(measure(trial, scenes, references, usual, options))
             table = common.update_table("trials", ("instead",), rows, note=NOTE)
-    quote(common.ROOT / "benchmarks" / "README.md", list_of_tried(common.read_table("trials", common.RESULTS)), MARKS)
+    quote_list()
     say(table)
+
+
+def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Path = common.RESULTS) -> None:
+    quote(page, list_of_tried(common.read_table("trials", folder)), MARKS)
 
 
 def list_of_tried(rows: list[dict[str, str]]) -> str:
     """What benchmarks/README.md says: of each technique, relMSE x seconds without it over that with it."""
-    measured = {row["instead"]: float(row["geometric mean"]) for row in rows}
+    measured = {row["instead"]: row for row in rows}
     table = []
     for trial in TRIALS:
         if trial.name in measured:
-            gain = measured[trial.name] if trial.kept else 1 / measured[trial.name]
+            gain, low, high = gain_with_interval(costs(measured[trial.name]), trial.kept)
             table.append(
                 {
                     "tried": trial.tried,
-                    "gain": f"{gain:.2f}",
+                    "gain": f"{gain:.2f} ({low:.2f} to {high:.2f})" + (": no difference" if low <= 1 <= high else ""),
                     "price": trial.price,
                     "kept": "yes" if trial.kept else "no",
                 }
             )
     return common.markdown(table) if table else ""
+
+
+def costs(row: dict[str, str]) -> list[float]:
+    """Of a row of trials.csv, relMSE x seconds on each scene, as a multiple of the engine's own."""
+    return [float(text.split()[0]) for column, text in row.items() if column not in ("instead", "geometric mean")]
+
+
+def gain_with_interval(costs: list[float], kept: bool) -> tuple[float, float, float]:
+    """Geometric mean over the scenes, and its 95 % interval by Student's t: what another such scene set might say."""
+    logs = np.log(costs) * (1 if kept else -1)
+    middle, half = logs.mean(), 0.0
+    if len(logs) > 1:
+        half = float(stats.t.ppf(0.975, len(logs) - 1) * stats.sem(logs))
+    return float(np.exp(middle)), float(np.exp(middle - half)), float(np.exp(middle + half))
 
 
 NOTE = """\
@@ -404,6 +423,9 @@ factors, of seconds (a median of pairs) and of relMSE with its standard error. A
 
 def main() -> int:
     options = parse()
+    if options.list:
+        quote_list()
+        return 0
     with br.quiet_stdout() as say:
         try:
             run(options, say)

@@ -4,8 +4,10 @@ Renders both engines in turn at 1, 4, 16, ... samples from several seeds, measur
 both, and says how many times longer Cycles takes to the same error. `--ceiling` compares Lobe's time with its rays'
 alone, `--features` with that of a kernel that skips less. Every finished render is kept in out/bench/:
 after an interruption the same command goes on where it was. The work is done by benchmarks/convergence/; tables,
-plots and the page go to benchmarks/results/, the table for the README to standard output. Exit code 0; 1 when the
-engines' long renders of a scene differ, 2 for what the user can mend, 130 after Ctrl-C.
+plots and the page go to benchmarks/results/, the table for the README to standard output. Other scenes than the
+samples, another resolution or number of threads are no part of those tables: what is measured of them goes to
+out/bench/results/. Exit code 0; 1 when the engines' long renders of a scene differ, 2 for what the user can mend, 130
+after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -41,8 +43,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="sample scenes by name, .blend files, or 'all', the default")  # fmt: skip
     parser.add_argument("--engines", type=engine_list, default=plan.ENGINES, metavar="LOBE,CYCLES",
                         help="whose levels are rendered; the reference is always of both")  # fmt: skip
-    parser.add_argument("--budget", type=seconds(1.0), default=240.0, metavar="SECONDS",
-                        help="of rendering for each scene, reference included; default: 240")  # fmt: skip
+    parser.add_argument("--budget", type=seconds(1.0), default=600.0, metavar="SECONDS",
+                        help="of rendering for each scene at most, reference included; default: 600")  # fmt: skip
     parser.add_argument("--resolution", type=resolution, default=(384, 256), metavar="WxH", help="default: 384x256")
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N", help="renders of each level")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
@@ -50,9 +52,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--results",
         type=Path,
-        default=common.RESULTS,
         metavar="FOLDER",
-        help="for tables, plots and page; default: benchmarks/results",
+        help="for tables, plots and page; default: benchmarks/results for the samples as they are measured there, "
+        "out/bench/results for all else",
     )
     parser.add_argument(
         "--store",
@@ -99,11 +101,25 @@ def scene_paths(names: list[str]) -> list[Path]:
     return paths
 
 
+def results_folder(options: argparse.Namespace, paths: list[Path]) -> Path:
+    """Where tables go: to those that are kept with the code only what they are of."""
+    usual = plan.Settings(Path())
+    samples = {common.scene_path(name) for name in common.SCENES}
+    is_usual = (options.resolution, options.threads) == (usual.resolution, usual.threads) and samples >= set(paths)
+    if options.question is convergence:
+        is_usual = is_usual and options.seeds >= usual.seeds
+    return options.results or (common.RESULTS if is_usual else options.store / "results")
+
+
 def convergence(options: argparse.Namespace, say) -> int:
     """Measure the scenes one after the other, and write what is known after each."""
+    from benchmarks import goals
     from benchmarks.convergence import page, runs, tables
 
     paths = scene_paths(options.scenes)
+    folder = results_folder(options, paths)
+    # The page's, of each set of tables apart.
+    sections = (options.store if folder == common.RESULTS else folder) / "sections"
     outcomes = []
     for path in paths:
         if options.fresh:
@@ -113,11 +129,14 @@ def convergence(options: argparse.Namespace, say) -> int:
     codes = runs.fingerprints()  # once, of the code that has just been installed
     for path in paths:
         outcomes.append(measure(path, options, codes, ctrl_c.check))
-        rows = tables.write(outcomes, options.results)
-        page.write(options.results / "convergence.html", options.store / "sections", outcomes, tables.short(rows))
-    if rows and options.results == common.RESULTS:
-        tables.quote(ROOT / "README.md", common.markdown(tables.short(rows)))
-    say(common.markdown(tables.short(rows) if rows else [row for o in outcomes for row in tables.level_rows(o)]))
+        rows = tables.write(outcomes, folder)
+        page.write(folder / "convergence.html", sections, outcomes, tables.short(rows))
+    both = options.engines == plan.ENGINES
+    if folder == common.RESULTS:
+        goals.write()
+    if both and folder == common.RESULTS:
+        tables.quote(ROOT / "README.md", common.markdown(tables.short([r for r in rows if tables.is_headline(r)])))
+    say(common.markdown(tables.short(rows) if both else [row for o in outcomes for row in tables.level_rows(o)]))
     differing = [outcome.settings.scene.stem for outcome in outcomes if outcome.reference.verdict != "agree"]
     if differing:
         print(f"bench.py: the engines' long renders differ: {', '.join(differing)}", file=sys.stderr)
@@ -126,15 +145,14 @@ def convergence(options: argparse.Namespace, say) -> int:
 
 def ceiling(options: argparse.Namespace, say) -> int:
     """Renders beside their rays, replayed; as many pairs as there are seeds."""
-    from benchmarks import ceiling
+    from benchmarks import ceiling, goals
 
     paths = scene_paths(options.scenes)
+    folder = results_folder(options, paths)
     common.enable_lobe()
-    say(
-        ceiling.table(
-            [str(path) for path in paths], options.resolution, options.threads, options.seeds, options.results
-        )
-    )
+    say(ceiling.table([str(path) for path in paths], options.resolution, options.threads, options.seeds, folder))
+    if folder == common.RESULTS:
+        goals.write()
     return 0
 
 
@@ -144,7 +162,8 @@ def features(options: argparse.Namespace, say) -> int:
 
     paths = scene_paths(options.scenes)
     common.enable_lobe()
-    say(features.table(paths, options.resolution, options.threads, options.seeds, options.results))
+    folder = results_folder(options, paths)
+    say(features.table(paths, options.resolution, options.threads, options.seeds, folder))
     return 0
 
 

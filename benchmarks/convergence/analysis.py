@@ -13,6 +13,7 @@ import numpy as np
 
 from tools import metrics
 
+from .plan import LEAST_OVERLAP
 from .reference import MARGIN, Reference
 from .runs import Render
 
@@ -22,6 +23,8 @@ CONFIDENCE = 0.95
 FLIP_SEEDS = 2  # FLIP takes half a second a picture and hardly differs between seeds
 # Cycles tells its sampling time in hundredths of a second: what is shorter than this is rounded by over 10 %.
 SHORTEST_SAMPLING = 0.05
+# Time that goes like the samples gives the same slope over either; farther apart, other things moved the times.
+SLOPES_APART = 0.15
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,25 @@ def slope(x: Sequence[float], errors: Sequence[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(errors), 1)[0])
 
 
+def timed(cycles: Sequence[Level]) -> list[Level]:
+    """Those of Cycles' levels whose sampling is long enough to be known. Lobe's own clock is as fine as it needs."""
+    return [lv for lv in cycles if np.median(lv.sampling) >= SHORTEST_SAMPLING]
+
+
 def slopes(levels: Sequence[Level]) -> tuple[float, float]:
-    """Of the error against samples, and against sampling time where that is long enough to be known."""
+    """Of the error against samples and against sampling time."""
     used = [lv for lv in levels if lv.usable]
-    timed = [lv for lv in used if np.median(lv.sampling) >= SHORTEST_SAMPLING]
+    errors = [lv.error for lv in used]
     return (
-        slope([lv.samples for lv in used], [lv.error for lv in used]),
-        slope([float(np.median(lv.sampling)) for lv in timed], [lv.error for lv in timed]),
+        slope([lv.samples for lv in used], errors),
+        slope([float(np.median(lv.sampling)) for lv in used], errors),
     )
+
+
+def suspect(levels: Sequence[Level]) -> bool:
+    """Whether the slopes over samples and over time tell different stories."""
+    over_samples, over_time = slopes(levels)
+    return bool(abs(over_time - over_samples) > SLOPES_APART)
 
 
 # --- times at equal error -------------------------------------------------------------------------------------
@@ -125,6 +139,8 @@ class Curve:
 
         A level that isn't better than a shorter one is left out: whoever waits would have taken the shorter.
         """
+        if not len(self.errors):
+            return np.empty(0), np.empty(0)
         error, seconds = self.errors[:, seeds].mean(axis=1), np.median(self.seconds[:, seeds], axis=1)
         best = np.minimum.accumulate(np.concatenate([[np.inf], error[:-1]]))
         kept = (error < best) & (error > 0.0) & (seconds > 0.0)
@@ -138,6 +154,11 @@ class TimeRatio:
     mean: tuple[float, float, float]  # geometric mean over the errors that both reach: median, low, high
     at_lowest: tuple[float, float, float]  # at the lowest error that both reach
     errors: tuple[float, float]  # that range
+
+    @property
+    def enough(self) -> bool:
+        """Whether the range is wide enough to say something: curves that just touch give any ratio."""
+        return bool(self.errors[1] >= LEAST_OVERLAP * self.errors[0])
 
 
 def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, float, float, float]:
@@ -160,8 +181,8 @@ def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, flo
 def time_ratio(lobe: Curve, cycles: Curve, seed: int = 0) -> TimeRatio:
     """How many times longer Cycles takes to the same error, with a 95 % interval from a bootstrap over the runs.
 
-    A run is a pair of renders made one after the other at each level, and is drawn as a whole: a slow minute of the
-    machine hits both of the pair, and a longer render continues a shorter one's random numbers.
+    A run is a round of one seed, both engines' renders of all levels in turn, and is drawn as a whole: a slow minute
+    of the machine hits both engines, and a longer render continues a shorter one's random numbers.
     """
     rng = np.random.default_rng(seed)
     runs = lobe.errors.shape[1]
@@ -182,10 +203,11 @@ def _quantiles(logs: np.ndarray) -> tuple[float, float, float]:
 
 def curve(levels: Sequence[Level], seconds: str, error: str = "whole") -> Curve:
     """seconds: "total" or "sampling"; error: "whole" or "trimmed"."""
-    used = [lv for lv in levels if lv.usable and (seconds == "total" or np.median(lv.sampling) >= SHORTEST_SAMPLING)]
-    seeds = len(levels[0].whole)
-    errors = np.array([getattr(lv, error) for lv in used]).reshape(-1, seeds)
-    return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(-1, seeds))
+    used = [lv for lv in levels if lv.usable]
+    runs = len(levels[0].whole) if levels else 0
+    shape = len(used), runs
+    errors = np.array([getattr(lv, error) for lv in used]).reshape(shape)
+    return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(shape))
 
 
 def geometric_mean(ratios: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:

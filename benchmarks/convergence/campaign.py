@@ -1,5 +1,8 @@
 """One scene from first to last: probe, reference, pilot of Cycles' variants, levels, and pictures at equal time.
 
+Which levels there are is settled before the first of them runs, so that each round of seeds can hold all of them: a
+machine that grows slower or faster meanwhile does so for all levels alike, and times of different levels compare.
+
 `measure` asks the store for renders in the order in which they are to be made. That the store has some of them
 already changes nothing: what is decided on the way depends on the kept seconds, not on when they were taken.
 """
@@ -13,7 +16,7 @@ import numpy as np
 
 from . import analysis, plan
 from .analysis import Level
-from .plan import DEFAULT, ENGINES, LEVEL_FACTOR, VARIANTS, Cost, Job, Settings, Variant
+from .plan import DEFAULT, ENGINES, LEVEL_FACTOR, VARIANTS, Cost, Forecast, Job, Settings, Variant
 from .reference import Reference, make_reference
 from .runs import Render, Store
 
@@ -34,6 +37,19 @@ class Trial:
     def cost(self) -> float:
         """Time x error: what doesn't change with the samples, as long as the error falls like 1 / samples."""
         return self.seconds * max(self.error, 0.0)
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Two renders of an engine: of one sample, and of as many as take a time worth measuring."""
+
+    few: Render
+    samples: int  # of `many`
+    many: Render
+
+    @property
+    def cost(self) -> Cost:
+        return plan.cost((1, self.few.total), (self.samples, self.many.total))
 
 
 @dataclass(frozen=True)
@@ -69,21 +85,18 @@ class Campaign:
         self.progress(what, self.store.spent)
         return self.store(job)
 
-    def renders(self, purpose: str, samples: int, engines: tuple[str, ...], seeds: int, variant: Variant):
-        """Each engine's renders, made in turn."""
-        found: dict[str, list[Render]] = {engine: [] for engine in engines}
-        for index, engine in plan.in_turn(engines, seeds):
-            found[engine].append(self.render(plan.job(purpose, engine, samples, index, variant, engines)))
-        return found
-
     def measure(self) -> Outcome:
-        costs = {engine: self.probe(engine) for engine in ENGINES}
+        probes = {engine: self.probe(engine) for engine in ENGINES}
+        costs = {engine: probe.cost for engine, probe in probes.items()}
         samples = plan.reference_samples(costs, self.settings.budget)
         long = {engine: self.reference_renders(engine, samples) for engine in ENGINES}
         reference = make_reference(stack(long["LOBE"]), stack(long["CYCLES"]), samples)
         trials = self.pilot(costs["CYCLES"], reference) if "CYCLES" in self.settings.engines else []
         variant = min(trials, key=lambda trial: trial.cost).variant if trials else DEFAULT
-        renders = self.levels(costs, variant)
+        forecasts = {engine: forecast(probes[engine], reference) for engine in self.settings.engines}
+        if trials:
+            forecasts["CYCLES"] = of_variant(forecasts["CYCLES"], trials, variant)
+        renders = self.levels(forecasts, variant)
         levels = {
             engine: [analysis.level(n, runs, reference) for n, runs in by_samples.items()]
             for engine, by_samples in renders.items()
@@ -92,14 +105,13 @@ class Campaign:
         report = long["CYCLES"][0].report
         return Outcome(self.settings, reference, trials, variant, levels, shots, report["exposure"], report["osl"])
 
-    def probe(self, engine: str) -> Cost:
-        """What a render of the engine costs: one sample, and as many as take a time worth measuring."""
+    def probe(self, engine: str) -> Probe:
         few = self.render(plan.job("probe", engine, 1, 0))
         samples, many = 1, few
         while samples < 16 or (many.total - few.total < SHORTEST_PROBE and samples < 4096):
             samples *= LEVEL_FACTOR
             many = self.render(plan.job("probe", engine, samples, 0))
-        return plan.cost((1, few.total), (samples, many.total))
+        return Probe(few, samples, many)
 
     def reference_renders(self, engine: str, samples: int) -> list[Render]:
         """Not timed, so the engines needn't take turns, and a change in Lobe leaves Cycles' renders as they are."""
@@ -122,19 +134,15 @@ class Campaign:
             for variant, runs in found.items()
         ]
 
-    def levels(self, costs: dict[str, Cost], variant: Variant) -> dict[str, dict[int, list[Render]]]:
-        """Renders of each engine by samples: whole levels, as many as the budget holds."""
+    def levels(self, forecasts: dict[str, Forecast], variant: Variant) -> dict[str, dict[int, list[Render]]]:
+        """Renders of each engine by samples: whole levels, all of them from one seed before any from the next."""
         engines, seeds = self.settings.engines, self.settings.seeds
-        found: dict[str, dict[int, list[Render]]] = {engine: {} for engine in engines}
-        estimate = seeds * sum(costs[engine].seconds(1) for engine in engines)
-        level = 0
-        while plan.next_level_fits(level, estimate, self.settings.budget - self.store.spent):
-            samples = LEVEL_FACTOR**level
-            runs = self.renders("level", samples, engines, seeds, variant)
-            for engine in engines:
-                found[engine][samples] = runs[engine]
-            estimate = seeds * sum(next_level_seconds(runs[engine]) for engine in engines)
-            level += 1
+        most = plan.most_samples(forecasts, seeds, self.settings.budget - self.store.spent)
+        found: dict[str, dict[int, list[Render]]] = {
+            engine: {n: [] for n in plan.ladder(most[engine])} for engine in engines
+        }
+        for index, (engine, samples) in plan.in_turn(plan.units(most), seeds):
+            found[engine][samples].append(self.render(plan.job("level", engine, samples, index, variant, engines)))
         return found
 
     def shots(self, renders: dict, levels: dict[str, list[Level]], reference: Reference) -> list[Shot]:
@@ -154,10 +162,20 @@ def stack(renders: Iterable[Render]) -> np.ndarray:
     return np.stack([render.picture for render in renders])
 
 
-def next_level_seconds(renders: list[Render]) -> float:
-    """Of one render with LEVEL_FACTOR times the samples of these."""
-    fixed = np.median([render.total - render.sampling for render in renders])
-    return float(fixed + LEVEL_FACTOR * np.median([render.sampling for render in renders]))
+def forecast(probe: Probe, reference: Reference) -> Forecast:
+    errors = [reference.errors(render.picture)[0] for render in (probe.few, probe.many)]
+    return Forecast(probe.cost, (1, errors[0]), (probe.samples, errors[1]))
+
+
+def of_variant(default: Forecast, trials: list[Trial], variant: Variant) -> Forecast:
+    """Cycles' forecast with a variant's settings: the default's is of the probe, the pilot knows both."""
+    usual, chosen = (next(t for t in trials if t.variant == wanted) for wanted in (DEFAULT, variant))
+    change = chosen.error / usual.error if usual.error > 0.0 else 1.0
+    return Forecast(
+        Cost(default.cost.fixed, chosen.seconds / chosen.samples),
+        (1, default.few[1] * change),
+        (chosen.samples, chosen.error),
+    )
 
 
 def visible_level(levels: dict[str, list[Level]]) -> Level:

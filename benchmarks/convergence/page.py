@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import common
-from . import pictures, plot
+from . import pictures, plot, tables
 from .campaign import Outcome, Shot
 from .pictures import ERROR_RANGE, Z_RANGE
 
@@ -30,10 +30,9 @@ figure { margin: 0 0 .7rem } figcaption { font-size: 13px; color: #555 }
 """
 INTRODUCTION = """
 <p>Error (relMSE against the mean of long renders of both engines) over the time of the whole render, from the start of
-the command to its end. Eight seeds a point unless said otherwise, the engines in turn, with the same bounces, box
-filter and threads; adaptive sampling, denoising and clamping off; Cycles with those of its settings (light tree,
-guiding) that did best in a pilot on the scene. Seconds are of the machine that this ran on: only the ratios say
-something about the engines.</p>
+the command to its end, warm. Eight seeds a point unless said otherwise, the engines in turn, Cycles with those of its
+settings (light tree, guiding) that did best in a pilot on the scene. Seconds are of the machine that this ran on: only
+the ratios say something about the engines.</p>
 """
 
 
@@ -139,7 +138,8 @@ def write(path: Path, sections: Path, outcomes: Sequence[Outcome], short: Sequen
     order = {name: index for index, name in enumerate(common.SCENES)}
     files = sorted(sections.glob("*.html"), key=lambda file: (order.get(file.stem, len(order)), file.stem))
     summary = table(short) if short else ""
-    body = "\n".join([INTRODUCTION, summary, *(file.read_text(encoding="utf-8") for file in files)])
+    settings = f"<p>{escape(tables.SETTINGS)} {escape(tables.AGREEMENT)}</p>"
+    body = "\n".join([INTRODUCTION, settings, summary, *(file.read_text(encoding="utf-8") for file in files)])
     title = "Error against time: Lobe beside Cycles"
     head = f'<meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
     path.write_text(

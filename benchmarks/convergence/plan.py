@@ -6,18 +6,24 @@ Pure data and arithmetic; nothing here renders.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
 
 ENGINES = ("LOBE", "CYCLES")
 LEVEL_FACTOR = 4
 FEWEST_LEVELS = 2  # these run whatever they cost: one point is no curve
+# Levels go on until both engines have this relMSE, or the budget ends, and far enough that the errors that both reach
+# span WANTED_OVERLAP. Where they span less than LEAST_OVERLAP in the end, no ratio of times is given.
+TARGET_ERROR = 0.02
+LEAST_OVERLAP, WANTED_OVERLAP = 10.0, 16.0
 REFERENCE_SEEDS = 8
 PILOT_SEEDS = 3
-# Shares of the budget; the levels get what is left. So the sum of the reference's renders has at least about as many
-# samples as half of those of the last level's, which keeps its noise well below that of one of them.
-REFERENCE_SHARE, PILOT_SHARE = 0.4, 0.12
+# Shares of the budget; the levels get what is left, or as much of it as they need.
+REFERENCE_SHARE, PILOT_SHARE = 0.25, 0.1
 # No render uses a seed of another purpose: the reference must not share its noise with what is measured against it.
 # The engines' seeds differ for the same reason.
 FIRST_SEED = {"level": 1, "reference": 10_001, "pilot": 20_001, "probe": 30_001, "picture": 40_001}
@@ -49,7 +55,7 @@ class Settings:
 
     scene: Path
     engines: tuple[str, ...] = ENGINES
-    budget: float = 240.0
+    budget: float = 600.0
     resolution: tuple[int, int] = (384, 256)
     seeds: int = 8
     threads: int = 2
@@ -76,11 +82,12 @@ def job(purpose: str, engine: str, samples: int, index: int, variant: Variant = 
     return Job(purpose, engine, samples, index, variant if engine == "CYCLES" else None, tuple(beside))
 
 
-def in_turn(engines: tuple[str, ...], rounds: int) -> Iterator[tuple[int, str]]:
-    """(round, engine), every second round in the opposite order: what the first of a pair gains or loses evens out."""
+def in_turn(what: Sequence[T], rounds: int) -> Iterator[tuple[int, T]]:
+    """(round, one of `what`), every second round in the opposite order: what comes first or last in one round, on a
+    machine that grows slower or faster, is last or first in the next."""
     for index in range(rounds):
-        for engine in engines if index % 2 == 0 else engines[::-1]:
-            yield index, engine
+        for one in what if index % 2 == 0 else what[::-1]:
+            yield index, one
 
 
 @dataclass(frozen=True)
@@ -101,9 +108,55 @@ def cost(few: tuple[int, float], many: tuple[int, float]) -> Cost:
     return Cost(max(many[1] - per_sample * many[0], 0.0), per_sample)
 
 
-def next_level_fits(level: int, estimate: float, left: float) -> bool:
-    """Whether level `level`, which will take about `estimate` seconds, is to run with `left` seconds of the budget."""
-    return level < FEWEST_LEVELS or estimate <= left
+@dataclass(frozen=True)
+class Forecast:
+    """What is known of an engine before its levels run. few, many: (samples, relMSE), the latter of more samples."""
+
+    cost: Cost
+    few: tuple[int, float]
+    many: tuple[int, float]
+
+    def error(self, samples: int) -> float:
+        """relMSE: straight on log-log paper through both points, and after the second falling like 1 / samples."""
+        (n, first), (m, last) = ((n, max(error, 1e-12)) for n, error in (self.few, self.many))
+        # Of one render, so a few bright pixels may hide how it falls.
+        slope = min(max(math.log(last / first) / math.log(m / n), -2.0), -0.5) if samples < m else -1.0
+        return last * (samples / m) ** slope
+
+
+def ladder(most: int) -> list[int]:
+    """The samples of the levels: 1, 4, 16, ... and `most`."""
+    below = [LEVEL_FACTOR**k for k in range(most.bit_length()) if LEVEL_FACTOR**k < most]
+    return [*below, most]
+
+
+def units(most: dict[str, int]) -> list[tuple[str, int]]:
+    """(engine, samples) of all levels up to each engine's most, the engines beside each other."""
+    return sorted(((engine, n) for engine in most for n in ladder(most[engine])), key=lambda unit: unit[1])
+
+
+def most_samples(forecasts: dict[str, Forecast], seeds: int, left: float) -> dict[str, int]:
+    """Samples of each engine's last level: what takes it to the goal, by its forecast, within `left` seconds for all.
+
+    Where they don't suffice, the engine whose error is the larger has gone on: times are compared at errors that both
+    reach, so samples that take one of them further are in vain.
+    """
+    most = dict.fromkeys(forecasts, LEVEL_FACTOR ** (FEWEST_LEVELS - 1))
+    goal = goal_error(forecasts)
+    while True:
+        behind = {engine: error for engine, f in forecasts.items() if (error := f.error(most[engine])) > goal}
+        if not behind:
+            return most
+        engine = max(behind, key=lambda engine: behind[engine])
+        more = most | {engine: 2 * most[engine]}
+        if seeds * sum(forecasts[e].cost.seconds(n) for e, n in units(more)) > left:
+            return most
+        most = more
+
+
+def goal_error(forecasts: dict[str, Forecast]) -> float:
+    """TARGET_ERROR, or less where a sample or two would reach that: the curves must have enough in common."""
+    return min(TARGET_ERROR, min(f.error(1) for f in forecasts.values()) / WANTED_OVERLAP)
 
 
 def reference_samples(costs: dict[str, Cost], budget: float) -> int:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..common import engine_label
-from . import analysis
+from . import analysis, tables
 from .analysis import Level
 from .campaign import Outcome
 
@@ -73,7 +73,7 @@ def draw(axes: Axes, engine: str, levels: list[Level], error: str) -> None:
         axes.annotate(str(level.samples), (x, y), xytext=(6, 3) if right else (-6, -3), textcoords="offset points",
                       ha="left" if right else "right", va="bottom" if right else "top", fontsize=7.5,
                       color=color)  # fmt: skip
-    long = sampling >= analysis.SHORTEST_SAMPLING
+    long = sampling >= (analysis.SHORTEST_SAMPLING if engine == "CYCLES" else 0.0)
     if long.sum() > 1:
         axes.plot(sampling[long], errors[long], color=color, linewidth=1.0, linestyle=(0, (4, 3)), alpha=0.7,
                   label=f"{name}, sampling alone")  # fmt: skip
@@ -83,8 +83,8 @@ def statement(outcome: Outcome, error: str) -> str:
     """What the panel shows, in words; empty when there are not two curves that reach the same errors."""
     if set(outcome.levels) != set(COLORS):
         return ""
-    lobe, cycles = (analysis.curve(outcome.levels[engine], "total", error) for engine in COLORS)
-    median, low, high = analysis.time_ratio(lobe, cycles).mean
+    ratios, _ = tables.ratios_and_range(*(outcome.levels[engine] for engine in COLORS))
+    median, low, high = ratios[tables.RATIO if error == "whole" else tables.TRIMMED_RATIO]
     if not math.isfinite(median):
-        return ""
+        return "too few levels for a ratio of times"
     return f"to equal error Cycles takes {median:.2f} ({low:.2f} to {high:.2f}) times as long"

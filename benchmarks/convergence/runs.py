@@ -8,6 +8,7 @@ those of the machine and the minute in which they were taken: what is timed in t
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
 import shutil
@@ -142,11 +143,16 @@ def forget(folder: Path, scene: Path) -> None:
 
 
 def fingerprints() -> dict[str, str]:
-    """What an engine's renders depend on besides the job: for Lobe its code, for Cycles what the tools set in it."""
+    """What an engine's renders depend on besides the job: what the tools set in the scene, for Lobe its code, for
+    Cycles what makes it a peer."""
     lobe = b"".join(path.read_bytes() for path in lobe_blender.product_files())
     peer = br.cycles_peer.SOURCE.read_bytes()
-    version = lobe_blender.blender_version()
-    return {"LOBE": digest(version.encode() + lobe), "CYCLES": digest(version.encode() + peer)}
+    tools = "\n".join(
+        [lobe_blender.blender_version()]
+        + [inspect.getsource(what) for what in (common.prepare, common.leave_out, br.set_engine, BlenderRenderer)]
+        + [repr(common.LOBES_OFF), repr(common.BLENDERS_OFF)]
+    ).encode()
+    return {"LOBE": digest(tools + lobe), "CYCLES": digest(tools + peer)}
 
 
 def digest(content: str | bytes) -> str:

@@ -14,39 +14,59 @@ from .. import common
 from . import analysis
 from .analysis import PHASES, Level
 from .campaign import Outcome
-from .plan import ENGINES, VARIANTS
+from .plan import ENGINES, VARIANTS, Settings
 
-GEOMETRIC_MEAN = "geometric mean"
 RATIO = "time to equal error, Cycles / Lobe"
 SAMPLING_RATIO = "the same, sampling alone"
 LOWEST_RATIO = "the same, at the lowest error"
 TRIMMED_RATIO = "the same, trimmed errors"
 INTERVAL = ": 95 % interval"
+OSL = ", OSL"
+WITHOUT_OSL = " without OSL"
+DIFFER = "DIFFER"  # a verdict of `Reference`
+NO_RATIO = (math.nan,) * 3
 
-CONVERGENCE_NOTE = """\
+SETTINGS = """\
+Both engines have the box filter, the same bounces, clamps (none in the samples), samples and threads; adaptive
+sampling, denoising, time limits, soft falloff, light threshold, filter glossy and shadow terminator offsets are off,
+caustics on, surfaces emit to both sides. Errors are of scene-linear pictures."""
+AGREEMENT = """\
+Long renders of the engines "agree" when their means differ by less than 0.2 %, or by less than the half width of the
+95 % interval of that difference, and 99.75 % of pixels and channels pass Welch's test at the Sidak level of 1 %."""
+CONVERGENCE_NOTE = f"""\
+{SETTINGS}
 relMSE has the noise of the reference taken off; a star under "near it" marks one below 5 times that noise. "±" is the
-standard error over the seeds; "bias" the unbiased squared bias against the reference, on the scale of relMSE. Seconds
-are medians of warm renders on one machine, and only there to see where time goes: they are no claim. The ratios of
-times taken in turn are in [equal_error.md](equal_error.md). What Cycles doesn't tell is empty; its "export" holds its
-whole synchronisation, its "sampling" what it prepares on the device, in hundredths of a second.
+standard error over the seeds; "bias" the unbiased squared bias against the reference, on the scale of relMSE; FLIP is
+the mean of the first two seeds. At few samples Cycles' bias is real: it puts the first sample of each pixel in the
+pixel's middle, so that at 1 sample edges are hard. Seconds are medians of warm renders on one machine, and only there
+to see where time goes: they are no claim. The ratios of times taken in turn are in [equal_error.md](equal_error.md).
+What Cycles doesn't tell is empty; its "export" holds its whole synchronisation, its "sampling" what it prepares on the
+device, in hundredths of a second.
 
 """
-EQUAL_ERROR_NOTE = """\
+EQUAL_ERROR_NOTE = f"""\
+{SETTINGS} Times are of warm renders: Lobe's kernels are loaded, and each engine has rendered the scene before.
 All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
 1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
-seeds. "OSL": Cycles shades the Phong surfaces of the scene with Open Shading Language, which slows it.
+seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a
+range of their own. Cycles' sampling time holds what it prepares on the device, and levels at which it is below 0.05 s
+are left out, as Cycles tells it in hundredths. "Slopes apart" names an engine whose slopes over time and over samples
+differ by more than 0.15: something else than samples moved its times, so read its row with care. "OSL": Cycles shades
+the Phong surfaces of the scene with Open Shading Language, which slows it. Geometric means are of the sample scenes at
+the resolution and threads of `make bench`, without those whose pictures DIFFER. {AGREEMENT}
 
 """
 
 
 def write(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, str]]:
-    """Put the outcomes into both tables; gives back all rows of `equal_error` with the geometric mean."""
+    """Put the outcomes into both tables; gives back all rows of `equal_error` with the geometric means, as they are
+    when these outcomes are of one engine alone."""
     levels = [row for outcome in outcomes for row in level_rows(outcome)]
-    common.update_table("convergence", ("scene", "engine"), levels, folder=folder, note=CONVERGENCE_NOTE)
+    keys = ("scene", "resolution", "threads")
+    common.update_table("convergence", (*keys, "engine"), levels, folder=folder, note=CONVERGENCE_NOTE)
     scenes = [scene_row(outcome) for outcome in outcomes if len(outcome.settings.engines) == len(ENGINES)]
-    if not scenes:
-        return []
-    common.update_table("equal_error", ("scene",), scenes, folder=folder, note=EQUAL_ERROR_NOTE, summary=summary)
+    if scenes:
+        common.update_table("equal_error", keys, scenes, folder=folder, note=EQUAL_ERROR_NOTE, summary=summary)
     return common.read_table("equal_error", folder)
 
 
@@ -84,36 +104,59 @@ def level_row(outcome: Outcome, engine: str, level: Level) -> dict[str, str]:
 def scene_row(outcome: Outcome) -> dict[str, str]:
     settings, found = outcome.settings, outcome.reference.comparison
     lobe, cycles = outcome.levels["LOBE"], outcome.levels["CYCLES"]
-    total, sampling, trimmed = (
-        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(cycles, *kind))
-        for kind in (("total", "whole"), ("sampling", "whole"), ("total", "trimmed"))
-    )
-    slopes = {"Lobe": analysis.slopes(lobe), "Cycles": analysis.slopes(cycles)}
-    ratios = {
-        RATIO: total.mean,
-        SAMPLING_RATIO: sampling.mean,
-        LOWEST_RATIO: total.at_lowest,
-        TRIMMED_RATIO: trimmed.mean,
-    }
+    ratios, errors = ratios_and_range(lobe, cycles)
+    by_name = {"Lobe": lobe, "Cycles": analysis.timed(cycles)}
+    slopes = {name: analysis.slopes(levels) for name, levels in by_name.items()}
     return {
         "scene": settings.scene.stem,
         "resolution": "{}x{}".format(*settings.resolution),
         "threads": str(settings.threads),
         "seeds": str(settings.seeds),
-        "samples, up to": str(lobe[-1].samples),
+        "samples, up to: Lobe": str(lobe[-1].samples),
+        "samples, up to: Cycles": str(cycles[-1].samples),
         **{key: text for name, ratio in ratios.items() for key, text in ratio_columns(name, ratio).items()},
-        "relMSE, from": number(total.errors[0], ".1e"),
-        "relMSE, to": number(total.errors[1], ".1e"),
+        "relMSE, from": number(errors[0], ".1e"),
+        "relMSE, to": number(errors[1], ".1e"),
         **{
             f"slope over {over}: {engine}": number(slopes[engine][i], ".2f")
             for i, over in enumerate(("samples", "time"))
             for engine in slopes
         },
-        "Cycles' settings": str(outcome.variant) + (", OSL" if outcome.osl else ""),
+        "slopes apart": ", ".join(name for name, levels in by_name.items() if analysis.suspect(levels)),
+        "Cycles' settings": str(outcome.variant) + (OSL if outcome.osl else ""),
         "pilot: time x error to the best": pilot(outcome),
         "engines' pictures": f"{outcome.reference.verdict}: {found.mean_difference:+.2%} ± {found.mean_half_width:.2%}",
         "noise of the reference": f"{outcome.reference.noise:.1e}",
     }
+
+
+def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, tuple], tuple[float, float]]:
+    """Each column's (ratio, low, high), and the range of errors, which is the same for all but the trimmed.
+
+    So levels of Cycles that are too short for its clock are left out of all columns; where the rest is too few, of
+    none, and there is no ratio of sampling alone.
+    """
+    long = analysis.timed(cycles)
+    total, sampling, trimmed = (
+        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(long, *kind))
+        for kind in (("total", "whole"), ("sampling", "whole"), ("total", "trimmed"))
+    )
+    at_sampling = sampling.mean
+    if not total.enough and len(long) < len(cycles):
+        total, trimmed = (
+            analysis.time_ratio(analysis.curve(lobe, "total", error), analysis.curve(cycles, "total", error))
+            for error in ("whole", "trimmed")
+        )
+        at_sampling = NO_RATIO
+    ratios = {
+        RATIO: total.mean,
+        LOWEST_RATIO: total.at_lowest,
+        SAMPLING_RATIO: at_sampling,
+        TRIMMED_RATIO: trimmed.mean,
+    }
+    if not total.enough:
+        ratios = dict.fromkeys(ratios, NO_RATIO)
+    return ratios, total.errors
 
 
 def ratio_columns(name: str, ratio: tuple[float, float, float]) -> dict[str, str]:
@@ -134,18 +177,40 @@ def pilot(outcome: Outcome) -> str:
     return "; ".join(f"{variant}: {costs[variant] / best:.2f}" for variant in VARIANTS)
 
 
-def summary(rows: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """The last row: geometric means over the scenes of the table that have the ratio, intervals from theirs."""
-    row = dict.fromkeys(rows[0], "") | {"scene": f"{GEOMETRIC_MEAN} of {len(rows)}"}
-    for name in (RATIO, SAMPLING_RATIO, LOWEST_RATIO, TRIMMED_RATIO):
-        ratios = [(float(r[name]), *map(float, r[name + INTERVAL].split(" to "))) for r in rows if r[name]]
+def summary(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """The last rows: geometric means over the scenes that count, and over those of them that Cycles renders without
+    Open Shading Language, where it is at its best."""
+    counting = [
+        row for row in rows if row[RATIO] and is_headline(row) and not row["engines' pictures"].startswith(DIFFER)
+    ]
+    without_osl = [row for row in counting if not row["Cycles' settings"].endswith(OSL)]
+    found = [(counting, ""), (without_osl, WITHOUT_OSL)]
+    return [mean_row(kept, f"{common.SUMMARY} of {len(kept)}{suffix}") for kept, suffix in found if kept]
+
+
+def is_headline(row: Mapping[str, str]) -> bool:
+    """Whether it is one of what the README quotes: a sample scene, as `make bench` renders it, or what sums them up."""
+    usual = Settings(Path())
+    return row["scene"].startswith(common.SUMMARY) or (
+        row["scene"] in common.SCENES
+        and row["resolution"] == "{}x{}".format(*usual.resolution)
+        and row["threads"] == str(usual.threads)
+        and int(row["seeds"]) >= usual.seeds
+    )
+
+
+def mean_row(rows: Sequence[Mapping[str, str]], name: str) -> dict[str, str]:
+    """Geometric means of those of the rows that have the ratio, intervals from theirs."""
+    mean = dict.fromkeys(rows[0], "") | {"scene": name}
+    for column in (RATIO, LOWEST_RATIO, SAMPLING_RATIO, TRIMMED_RATIO):
+        ratios = [(float(r[column]), *map(float, r[column + INTERVAL].split(" to "))) for r in rows if r[column]]
         if ratios:
-            row |= ratio_columns(name, analysis.geometric_mean(ratios))  # type: ignore[arg-type]
-    return row
+            mean |= ratio_columns(column, analysis.geometric_mean(ratios))  # type: ignore[arg-type]
+    return mean
 
 
 def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """What the README quotes of `equal_error`: a row for each scene, ratios with their intervals."""
+    """As narrow as a README's table: of rows of `equal_error` ratios with their intervals."""
 
     def with_interval(row: Mapping[str, str], name: str) -> str:
         return f"{row[name]} ({row[name + INTERVAL]})" if row[name] else "too few levels"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.convergence import analysis, plan
+from benchmarks.convergence import analysis, plan, tables
 from benchmarks.convergence.analysis import Curve
 from benchmarks.convergence.reference import make_reference
 from benchmarks.convergence.runs import Render
@@ -71,6 +71,44 @@ def test_no_ratio_without_errors_that_both_reach(rng):
     found = analysis.time_ratio(power_law(rng, 1e-6, 0.01), power_law(rng, 1.0, 0.01, levels=2))
     assert np.isnan(found.mean).all()
     assert np.isnan(found.errors).all()
+
+
+def test_curves_that_just_touch_are_too_few_levels(rng):
+    """Cycles from 2 to 2 / 4^5, Lobe only from 1 to 1 / 4: their common range spans a factor of 4."""
+    assert not analysis.time_ratio(power_law(rng, 1.0, 0.01, levels=2), power_law(rng, 2.0, 0.03)).enough
+    assert analysis.time_ratio(power_law(rng, 1.0, 0.01, levels=3), power_law(rng, 2.0, 0.03)).enough
+    assert not analysis.time_ratio(power_law(rng, 1e-6, 0.01), power_law(rng, 1.0, 0.01, levels=2)).enough
+
+
+def levels_of(rng, factor, seconds, levels=6, fixed=0.0, drift=1.0) -> list[analysis.Level]:
+    """drift: each level's sampling takes so much longer, beyond what its samples take. fixed: of the whole render."""
+    found = []
+    for k in range(levels):
+        errors, time = np.full(SEEDS, factor / 4.0**k), np.full(SEEDS, seconds * (4.0 * drift) ** k)
+        found.append(analysis.Level(4**k, errors, errors / 2, fixed + time, time, {}, 0.0, (0.0, 0.0), 0.0, 1e-9))
+    return found
+
+
+def test_slopes_that_differ_are_told(rng):
+    assert not analysis.suspect(levels_of(rng, 1.0, 0.1))
+    assert analysis.suspect(levels_of(rng, 1.0, 0.1, drift=0.8))
+    assert analysis.suspect(levels_of(rng, 1.0, 0.1, drift=1.3))
+
+
+def test_all_columns_have_the_same_range(rng):
+    """Cycles' first two levels are below its clock: gone from all columns. Lobe's are as short, and stay."""
+    lobe, cycles = levels_of(rng, 2.0, 0.001), levels_of(rng, 2.0, 0.005, fixed=10.0)
+    ratios, errors = tables.ratios_and_range(lobe, cycles)
+    assert errors == pytest.approx((2.0 / 4**5, 2.0 / 4**2))
+    assert ratios[tables.SAMPLING_RATIO][0] == pytest.approx(5.0)
+    assert ratios[tables.RATIO][0] > 5.0  # with the fixed times
+    ratios, errors = tables.ratios_and_range(lobe, cycles[:3])  # one is left
+    assert errors == pytest.approx((2.0 / 4**2, 2.0))
+    assert np.isnan(ratios[tables.SAMPLING_RATIO][0]) and ratios[tables.RATIO][0] > 100.0
+    ratios, _ = tables.ratios_and_range(lobe, levels_of(rng, 2.0, 0.001, levels=3))  # none is
+    assert np.isnan(ratios[tables.SAMPLING_RATIO][0]) and ratios[tables.RATIO][0] == pytest.approx(1.0)
+    ratios, _ = tables.ratios_and_range(lobe, cycles[2:4])
+    assert np.isnan([ratio[0] for ratio in ratios.values()]).all()  # a factor of 4 in common
 
 
 def test_a_level_that_is_no_better_is_left_out(rng):
@@ -153,8 +191,38 @@ def test_cost_of_a_render():
 
 def test_shares_of_the_budget():
     costs = {"LOBE": plan.Cost(0.0, 0.01), "CYCLES": plan.Cost(0.0, 0.03)}
-    assert plan.reference_samples(costs, 100.0) == 64  # 0.4 * 100 s / 8 renders of 0.04 s a sample: 125
+    assert plan.reference_samples(costs, 100.0) == 64  # 0.25 * 100 s / 8 renders of 0.04 s a sample: 78
     assert plan.pilot_samples(costs["CYCLES"], 100.0) == 16
-    assert plan.next_level_fits(1, 1e9, 0.0)
-    assert plan.next_level_fits(2, 5.0, 5.0)
-    assert not plan.next_level_fits(2, 5.1, 5.0)
+
+
+def forecast(at_one: float, per_sample: float) -> plan.Forecast:
+    return plan.Forecast(plan.Cost(0.0, per_sample), (1, at_one), (16, at_one / 16))
+
+
+def test_levels_end_at_the_most():
+    assert [plan.ladder(most) for most in (1, 4, 8, 64)] == [[1], [1, 4], [1, 4, 8], [1, 4, 16, 64]]
+    assert plan.units({"LOBE": 4, "CYCLES": 8}) == [("LOBE", 1), ("CYCLES", 1), ("LOBE", 4), ("CYCLES", 4),
+                                                    ("CYCLES", 8)]  # fmt: skip
+
+
+def test_forecast_of_an_error():
+    """Through both renders, and after them as plain samples."""
+    found = plan.Forecast(plan.Cost(0.0, 1.0), (1, 1.0), (16, 16**-1.5))
+    assert [found.error(n) for n in (1, 4, 16, 32)] == pytest.approx([1.0, 1 / 8, 1 / 64, 1 / 128])
+    assert plan.Forecast(plan.Cost(0.0, 1.0), (1, 0.1), (16, 0.2)).error(1) == pytest.approx(0.8)  # a bright pixel
+
+
+def test_each_engine_goes_on_to_the_same_error():
+    """Cycles with four times the error takes four times the samples; the cheaper engine gets no more than that."""
+    both = {"LOBE": forecast(0.63, 0.001), "CYCLES": forecast(2.56, 0.1)}
+    assert plan.most_samples(both, 8, 1e9) == {"LOBE": 32, "CYCLES": 128}
+    # 8 seeds of 1 + 4 + 16 + 64 samples at 0.1 s: 68 s. Lobe hasn't gone further than Cycles, doubled once.
+    assert plan.most_samples(both, 8, 75.0) == {"LOBE": 16, "CYCLES": 64}
+    assert plan.most_samples(both, 8, 0.0) == {"LOBE": 4, "CYCLES": 4}
+
+
+def test_a_picture_that_is_good_at_once_has_enough_levels():
+    """From 0.08 on, TARGET_ERROR would be a factor of 4: the goal is lower."""
+    assert plan.most_samples({"LOBE": forecast(0.08, 0.001), "CYCLES": forecast(0.08, 0.001)}, 8, 1e9) == {
+        "LOBE": 16, "CYCLES": 16,
+    }  # fmt: skip

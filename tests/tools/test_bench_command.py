@@ -41,6 +41,27 @@ def test_what_cannot_be_done_is_said_in_a_line(repository, tmp_path, arguments, 
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("words", "kept"),
+    [
+        (["all"], True),
+        (["lamps", "--seeds", "9"], True),
+        (["lamps", "--resolution", "16x16"], False),
+        (["lamps", "--threads", "1"], False),
+        (["lamps", "--seeds", "2"], False),
+        (["lamps", "--seeds", "2", "--ceiling"], True),
+        (["lamps", "other.blend"], False),
+    ],
+)
+def test_only_the_samples_as_they_are_go_to_the_tables_kept_with_the_code(words, kept):
+    options = bench.parse([*words, "--store", "store"])
+    names = bench.common.SCENES if words[0] == "all" else [word for word in words[:2] if not word.startswith("-")]
+    paths = [bench.common.scene_path(name) for name in names if not name.isdigit()]
+    assert bench.results_folder(options, paths) == (bench.common.RESULTS if kept else Path("store", "results"))
+    there = bench.parse([*words, "--results", "there"])
+    assert bench.results_folder(there, paths) == Path("there")
+
+
 def test_ctrl_c_waits_for_the_end_of_the_render():
     before = signal.getsignal(signal.SIGINT)
     try:

@@ -24,3 +24,26 @@ def test_time_to_an_error_lies_on_the_line(classic, error, seconds):
     """NaN where the curve doesn't get there."""
     halving = classic.Curve(np.array([1.0, 4.0, 16.0]), np.array([0.5, 2.0, 8.0]), np.array([1.0, 0.25, 0.0625]))
     assert halving.seconds_to(error) == pytest.approx(seconds, nan_ok=True)
+
+
+def test_noise_of_a_reference_from_its_halves(classic):
+    """Of the mean of two it is half of either's."""
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(0.5, 2.0, (64, 64, 3))
+    halves = [truth + rng.normal(0.0, 0.1, truth.shape) for _ in range(2)]
+    mean, noise = classic.joined(halves)
+    np.testing.assert_allclose(mean, (halves[0] + halves[1]) / 2)
+    assert noise == pytest.approx(0.1**2 / 2 * np.mean(1 / (truth**2 + 0.01)), rel=0.1)
+
+
+def test_curves_of_several_seeds(classic):
+    curves = [classic.Curve(np.array([1.0, 4.0]), np.array([0.5, t]), np.array([1.0, e])) for t, e in
+              ((2.0, 0.1), (3.0, 0.2), (9.0, 0.6))]  # fmt: skip
+    found = classic.typical(curves)
+    assert list(found.seconds) == [0.5, 3.0]
+    assert list(found.error) == pytest.approx([1.0, 0.3])
+    rows = classic.rows_of("a", "8x8", "Lobe", curves)
+    assert [(row["seed"], row["samples"], row["relMSE"]) for row in rows[::2]] == [
+        (seed, "1", "1.0000e+00") for seed in (1, 2, 3)
+    ]
+    assert len(rows) == 6

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from benchmarks.features import LEFT_OUT, pair
+from benchmarks.features import CHOICES, FORCED, LEFT_OUT, asked, pair
 from engine.features import EMITTER_TREE, ONE_EMITTER, Features
+from engine.passes import has_data_passes, has_light_passes
+from engine.settings import Settings
 from tools.forcing import EVERYTHING
 
 
-def test_every_feature_has_a_row():
-    assert set(LEFT_OUT) == set(EVERYTHING)
+def test_every_feature_has_a_row_or_a_reason():
+    assert set(LEFT_OUT) == set(FORCED) >= set(EVERYTHING)
+    assert sorted([*LEFT_OUT, *CHOICES]) == sorted(Features._fields)  # each once
+
+
+def test_passes_are_asked_for():
+    passes = asked(Settings(), "light_passes").passes
+    assert has_light_passes(passes) and not has_data_passes(passes)
+    assert asked(Settings(), "holdout") == Settings()
 
 
 def test_a_scene_with_the_feature_is_no_measure_of_it():

@@ -39,18 +39,43 @@ def test_names_are_checked(trials):
 
 def test_the_list_of_what_was_tried_turns_gains_about(trials):
     """A technique that the engine has gains what its trial lost; one that it hasn't, what its trial gained."""
-    rows = [
-        {"instead": "no roulette", "geometric mean": "1.25"},
-        {"instead": "balance heuristic", "geometric mean": "1.25"},
+    lines = trials.list_of_tried([row("no roulette", 1.25, 1.25), row("balance heuristic", 1.25, 1.25)]).splitlines()
+    assert [line.split(" | ")[1:] for line in lines[2:]] == [
+        ["1.25 (1.25 to 1.25)", "a random number for each vertex", "yes |"],
+        ["0.80 (0.80 to 0.80)", "none", "no |"],
     ]
-    lines = trials.list_of_tried(rows).splitlines()[2:]
-    assert [line.split(" | ")[1:] for line in lines] == [
-        ["1.25", "a random number for each vertex", "yes |"],
-        ["0.80", "none", "no |"],
-    ]
+
+
+def row(name: str, *costs: float) -> dict[str, str]:
+    """Of trials.csv."""
+    scenes = {f"scene {k}": f"{cost:.2f} (1.00 x {cost:.2f} ± 0.01)" for k, cost in enumerate(costs)}
+    return {"instead": name, **scenes, "geometric mean": "not looked at"}
+
+
+def test_a_gain_that_scenes_disagree_on_is_none(trials):
+    """Student's t of two scenes: 12.7 standard errors."""
+    line = trials.list_of_tried([row("no roulette", 0.9, 1.25)]).splitlines()[2]
+    gain, low, high = trials.gain_with_interval([0.9, 1.25], True)
+    assert gain == pytest.approx((0.9 * 1.25) ** 0.5)
+    assert high / gain == pytest.approx(gain / low) == pytest.approx((1.25 / 0.9) ** (12.706 / 2), rel=1e-3)
+    assert f"({low:.2f} to {high:.2f}): no difference" in line
+    assert "no difference" not in trials.list_of_tried([row("no roulette", 1.2, 1.21, 1.22)])
+
+
+def test_the_list_is_written_from_the_kept_rows_alone(trials, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{trials.MARKS[0]}old\n{trials.MARKS[1]}after\n")
+    rows = [row("no roulette", 1.25, 1.25)]
+    trials.common.update_table("trials", ("instead",), rows, folder=tmp_path)
+    trials.quote_list(page, tmp_path)
+    table = trials.list_of_tried(rows)
+    assert "| Russian roulette by throughput |" in table
+    assert page.read_text() == f"before\n{trials.MARKS[0]}{table}{trials.MARKS[1]}after\n"
 
 
 def test_the_readme_of_the_benchmarks_quotes_the_list(trials, repository):
     page = (repository / "benchmarks" / "README.md").read_text(encoding="utf-8")
     quoted = page.split(trials.MARKS[0])[1].split(trials.MARKS[1])[0]
-    assert quoted == trials.list_of_tried(trials.common.read_table("trials", trials.common.RESULTS))
+    kept = trials.common.read_table("trials", trials.common.RESULTS)
+    assert quoted == trials.list_of_tried(kept)
+    assert len(quoted.splitlines()) == (len(kept) + 2 if kept else 0)  # no row whose trial is gone

@@ -1,0 +1,156 @@
+"""Which goals are reached: `python benchmarks/goals.py` reads the tables in benchmarks/results/ and renders nothing.
+
+Each goal is judged by the worst of the rows that it is about, by their medians. It writes the table of goals into
+benchmarks/README.md; `tools/bench.py` does so too when it has written tables there.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+import numpy as np  # noqa: E402
+
+from benchmarks import common  # noqa: E402
+from benchmarks.convergence import plan, tables  # noqa: E402
+
+MARKS = "<!-- the table of goals.py -->\n", "<!-- its end -->\n"
+PAGE = ROOT / "benchmarks" / "README.md"
+YES, NO, UNKNOWN = "yes", "no", "not measured"
+NEAR_LINE = 0.15  # how far, relative, render times may be from a straight line over the logarithm
+LINEAR = 1.1  # a power of the count up to which growth is called linear
+TWO = {"threads": "2"}
+MANY = "1e6", "1e7"  # triangles, where the fixed costs of a render are small
+
+Row = dict[str, str]
+Judge = Callable[[Sequence[Row]], tuple[str, str]]  # rows of the table to (verdict, what was measured)
+
+
+@dataclass(frozen=True)
+class Goal:
+    text: str
+    table: str  # in benchmarks/results/, without its ending
+    judge: Judge
+    only: Row = field(default_factory=dict)  # what rows have to say in other columns to count
+
+    def row(self, folder: Path) -> Row:
+        kept = common.read_table(self.table, folder)
+        try:
+            rows = [row for row in kept if all(row[column] == value for column, value in self.only.items())]
+            verdict, measured = self.judge(rows) if rows else (UNKNOWN, "")
+        except KeyError as column:
+            verdict, measured = UNKNOWN, f"the table has no column {column}"
+        where = f"[{self.table}.md](results/{self.table}.md)" if kept else f"{self.table}.md"
+        return {"goal": self.text, "reached": verdict, "measured": measured, "where": where}
+
+
+def first_number(text: str) -> float | None:
+    """Of "1.23 (1.20 to 1.25)" the median; None where the cell is empty."""
+    return float(text.split()[0].replace("%", "")) if text else None
+
+
+def worst(column: str, names: str, limit: float, at_least: bool, wanted: Sequence[str] = ()) -> Judge:
+    """By the row with the worst figure in a column. names: the column that tells rows apart; wanted: rows that have to
+    be there, and the only ones that count."""
+
+    def judge(rows: Sequence[Row]) -> tuple[str, str]:
+        figures = {row[names]: first_number(row[column]) for row in rows if not wanted or row[names] in wanted}
+        missing = [name for name in wanted or figures if figures.get(name) is None]
+        found = {name: value for name, value in figures.items() if value is not None}
+        if not found:
+            return UNKNOWN, ""
+        name = (min if at_least else max)(found, key=lambda name: found[name])
+        reached = [value >= limit if at_least else value <= limit for value in found.values()]
+        text = f"{found[name]:.2f} ({name}); {sum(reached)} of {len(found)} reach it"
+        if missing:
+            text += f"; not measured: {', '.join(missing)}"
+        return NO if not all(reached) else UNKNOWN if missing else YES, text
+
+    return judge
+
+
+def mean_ratio(rows: Sequence[Row]) -> tuple[str, str]:
+    """The geometric mean of all the samples, each over errors that span enough."""
+    enough = len(with_enough_levels(rows)) == len(common.SCENES)
+    for row in rows:
+        if row["scene"].startswith(common.SUMMARY) and not row["scene"].endswith(tables.WITHOUT_OSL):
+            verdict = YES if float(row[tables.RATIO]) >= 5.0 else NO
+            whole = row["scene"] == f"{common.SUMMARY} of {len(common.SCENES)}"
+            text = f"{row[tables.RATIO]} ({row[tables.RATIO + tables.INTERVAL]}), {row['scene']}"
+            return verdict if whole and enough else UNKNOWN, text + ("" if enough else ", some of too few levels")
+    return UNKNOWN, ""
+
+
+def headline(judge: Judge) -> Judge:
+    """Of the rows of `equal_error` those of the samples as `make bench` renders them."""
+    return lambda rows: judge(with_enough_levels(rows))
+
+
+def with_enough_levels(rows: Sequence[Row]) -> list[Row]:
+    return [
+        row
+        for row in rows
+        if row["scene"] in common.SCENES
+        and tables.is_headline(row)
+        and row[tables.RATIO]
+        and float(row["relMSE, to"]) >= plan.LEAST_OVERLAP * float(row["relMSE, from"])
+    ]
+
+
+def logarithmic(rows: Sequence[Row]) -> tuple[str, str]:
+    """Whether render times lie near a straight line over the logarithm of the count."""
+    counts = np.array([float(row["triangles"]) for row in rows])
+    times = np.array([first_number(row["render / that of 1e3"]) for row in rows], float)
+    if len(rows) < 3:
+        return UNKNOWN, ""
+    decades = np.log10(counts)
+    apart = float(np.abs(np.polyval(np.polyfit(decades, times, 1), decades) / times - 1).max())
+    text = f"from {counts.min():.0e} to {counts.max():.0e} {times[counts.argmax()]:.2f} times; "
+    return YES if apart <= NEAR_LINE else NO, text.replace("e+0", "e") + f"up to {apart:.0%} from a straight line"
+
+
+GOALS = (
+    Goal("time to equal relMSE, geometric mean of the samples: Cycles at least 5 times Lobe's", "equal_error",
+         mean_ratio),
+    Goal("the same, no sample below 3 times", "equal_error",
+         headline(worst(tables.RATIO, "scene", 3.0, True, common.SCENES))),
+    Goal("sampling at most 1.25 times its rays alone", "ceiling",
+         worst("render / replay", "scene", 1.25, False, common.SCENES), {"resolution": "384x256", "threads": "2"}),
+    Goal("classic pictures as good as 16,384 plain samples in at most 10 s", "classic",
+         worst("Lobe's seconds to it", "scene", 10.0, False, ("cornell_diffuse", "plates_phong")),
+         {"resolution": "768x512", "plain samples": "16384", "threads": "2"}),
+    Goal(f"render time grows with the logarithm of the triangles: within {NEAR_LINE:.0%} of a line", "scale_triangles",
+         logarithmic, TWO),
+    Goal(f"export and build grow linearly: with a power of at most {LINEAR} of the triangles", "scale_triangles",
+         worst("Lobe grows with the power", "triangles", LINEAR, False, MANY), TWO),
+    Goal("export and build take at most Cycles' time", "scale_triangles",
+         worst("Lobe / Cycles", "triangles", 1.0, False, ("1e3", "1e4", "1e5", *MANY)), TWO),
+    Goal("memory at most Cycles'", "scale_memory",
+         worst("Lobe / Cycles", "number", 1.0, False, ("1e3", "1e4", "1e5", *MANY, "5e5")), TWO),
+    Goal("500,000 instances exported in less than 2 s", "scale_instances",
+         worst("Lobe: export, s", "instances", 2.0, False, ("5e5",)), TWO),
+    Goal("100,000 emitters: at most 1.5 times the time of 100", "scale_emitters",
+         worst("render / that of 1e2", "emitters", 1.5, False, ("lamps", "emissive triangles")),
+         TWO | {"number": "1e5"}),
+    Goal("2 threads at least 1.9 times as fast as one", "scale_threads",
+         worst("render, one thread / two", "scene", 1.9, True, common.SCENES)),
+)  # fmt: skip
+
+
+def table(folder: Path = common.RESULTS) -> str:
+    return common.markdown([goal.row(folder) for goal in GOALS])
+
+
+def write(page: Path = PAGE, folder: Path = common.RESULTS) -> None:
+    tables.quote(page, table(folder), MARKS)
+
+
+if __name__ == "__main__":
+    write()
+    print(table(), end="")

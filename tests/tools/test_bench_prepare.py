@@ -1,0 +1,68 @@
+"""What benchmarks switch off in a user's file, so that both engines do the same."""
+
+from __future__ import annotations
+
+import pytest
+
+from tools.lobe_blender import enable_lobe
+
+enable_lobe()  # before anything imports bpy
+
+import bpy  # noqa: E402
+from bl_ext.user_default.lobe.addon.compare import matching  # noqa: E402
+
+from benchmarks import common  # noqa: E402
+
+LOBES = "use_adaptive_sampling", "use_denoising"
+BLENDERS = "use_compositing", "use_sequencer", "use_persistent_data", "use_border"
+
+
+@pytest.fixture
+def blend(tmp_path):
+    """A file with everything on that a comparison goes without."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    scene = bpy.context.scene
+    for key in LOBES:
+        setattr(scene.lobe, key, True)
+    for key in BLENDERS:
+        setattr(scene.render, key, True)
+    scene.lobe.time_limit = 7.0
+    for light in bpy.data.lights:
+        light.use_soft_falloff = True
+    path = tmp_path / "everything.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+class Witness:
+    """Stands in for matching's Keeper, and makes no change."""
+
+    def __init__(self) -> None:
+        self.changes: list[tuple[str, str]] = []
+
+    def put(self, owner, key: str, value) -> None:
+        if getattr(owner, key) != value:
+            self.changes.append((type(owner).__name__, key))
+
+    def at_end(self, undo) -> None:
+        pass
+
+
+def test_nothing_is_left_on(blend):
+    scene = common.prepare(blend, (8, 8), 1)
+    assert not any(getattr(scene.lobe, key) for key in LOBES)
+    assert scene.lobe.time_limit == 0.0
+    assert not any(getattr(scene.render, key) for key in BLENDERS[:-1])
+    assert scene.render.use_crop_to_border
+    assert len(bpy.data.lights) and not any(light.use_soft_falloff for light in bpy.data.lights)
+
+
+def test_compare_with_cycles_finds_nothing_more_to_switch_off(blend):
+    scene = common.prepare(blend, (8, 8), 1)
+    witness = Witness()
+    matching.prepare(scene, witness, 0.0)
+    own = {key for owner, key in witness.changes if "Cycles" not in owner}
+    assert own <= {
+        "use_stamp_filename",  # which every render of the tools does
+        "emission_sampling", "shadow_terminator_geometry_offset", "shadow_terminator_shading_offset",  # Cycles'
+    }  # fmt: skip

@@ -1,0 +1,86 @@
+"""The table of goals says what the tables say."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks import common, goals
+from benchmarks.convergence import tables
+
+
+def verdicts(folder) -> dict[str, str]:
+    return {goal.text: goal.row(folder)["reached"] for goal in goals.GOALS}
+
+
+def test_without_tables_nothing_is_measured(tmp_path):
+    assert set(verdicts(tmp_path).values()) == {goals.UNKNOWN}
+
+
+def write(folder, name: str, rows: list[dict]) -> None:
+    common.update_table(name, ("scene",), rows, folder=folder)
+
+
+@pytest.mark.parametrize(
+    ("figures", "verdict", "measured"),
+    [
+        ({}, goals.YES, "1.25 (lamps); 6 of 6 reach it"),
+        ({"world": "1.26 (1.20 to 1.30)"}, goals.NO, "1.26 (world); 5 of 6 reach it"),
+        ({"world": ""}, goals.UNKNOWN, "1.25 (lamps); 5 of 5 reach it; not measured: world"),
+        ({"world": "", "lamps": "9.0"}, goals.NO, "9.00 (lamps); 4 of 5 reach it; not measured: world"),
+    ],
+)
+def test_the_worst_scene_decides(tmp_path, figures, verdict, measured):
+    usual = dict.fromkeys(common.SCENES, "0.80 (0.70 to 2.00)") | {"lamps": "1.25 (1.00 to 2.00)"}
+    usually = {"resolution": "384x256", "threads": "2"}
+    rows = [{"scene": name, "render / replay": text} | usually for name, text in (usual | figures).items()]
+    rows += [{"scene": "somebody's", "render / replay": "77"} | usually]
+    rows += [{"scene": "lamps", "render / replay": "77", "resolution": "16x16", "threads": "2"}]
+    common.update_table("ceiling", ("scene", "resolution"), rows, folder=tmp_path)
+    goal = next(goal for goal in goals.GOALS if goal.table == "ceiling")
+    row = goal.row(tmp_path)
+    assert (row["reached"], row["measured"]) == (verdict, measured)
+
+
+@pytest.mark.parametrize(
+    ("name", "ratio", "verdict"),
+    [
+        ("geometric mean of 6", "5.00", goals.YES),
+        ("geometric mean of 6", "4.99", goals.NO),
+        ("geometric mean of 5", "7.00", goals.UNKNOWN),
+        ("geometric mean of 5", "3.00", goals.UNKNOWN),
+        ("geometric mean of 6 without OSL", "7.00", goals.UNKNOWN),
+    ],
+)
+def test_the_mean_is_of_all_samples(tmp_path, name, ratio, verdict):
+    write(tmp_path, "equal_error", [scene_row(scene) for scene in common.SCENES] + [scene_row(name, ratio)])
+    assert goals.GOALS[0].row(tmp_path)["reached"] == verdict
+
+
+def scene_row(scene: str, ratio: str = "9", worst: str = "1e-1") -> dict[str, str]:
+    return {"scene": scene, tables.RATIO: ratio, tables.RATIO + tables.INTERVAL: "1 to 9", "resolution": "384x256",
+            "threads": "2", "seeds": "8", "relMSE, from": "1e-2", "relMSE, to": worst}  # fmt: skip
+
+
+def test_a_ratio_over_hardly_any_range_does_not_count(tmp_path):
+    rows = [scene_row(scene, worst="9e-2" if scene == "lamps" else "1e-1") for scene in common.SCENES]
+    write(tmp_path, "equal_error", [*rows, scene_row("geometric mean of 6")])
+    mean, least = (goal.row(tmp_path) for goal in goals.GOALS[:2])
+    assert (mean["reached"], least["reached"]) == (goals.UNKNOWN, goals.UNKNOWN)
+    assert "not measured: lamps" in least["measured"]
+
+
+@pytest.mark.parametrize(("times", "verdict"), [((1.0, 1.2, 1.4), goals.YES), ((1.0, 1.2, 8.0), goals.NO)])
+def test_growth_with_the_logarithm(tmp_path, times, verdict):
+    rows = [{"triangles": count, "threads": "2", "render / that of 1e3": f"{time} (0 to 9)"}
+            for count, time in zip(("1e3", "1e5", "1e7"), times, strict=True)]  # fmt: skip
+    common.update_table("scale_triangles", ("triangles",), rows, folder=tmp_path)
+    goal = next(goal for goal in goals.GOALS if goal.judge is goals.logarithmic)
+    assert goal.row(tmp_path)["reached"] == verdict
+    others = [goal for goal in goals.GOALS if goal.table == "scale_triangles" and goal.judge is not goals.logarithmic]
+    assert {goal.row(tmp_path)["reached"] for goal in others} == {goals.UNKNOWN}  # their columns are missing
+
+
+def test_the_readme_of_the_benchmarks_quotes_the_table():
+    page = goals.PAGE.read_text(encoding="utf-8")
+    quoted = page.split(goals.MARKS[0])[1].split(goals.MARKS[1])[0]
+    assert quoted == goals.table(), "write it anew: python benchmarks/goals.py"
