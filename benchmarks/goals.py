@@ -1,7 +1,7 @@
 """Which goals are reached: `python benchmarks/goals.py` reads the tables in benchmarks/results/ and renders nothing.
 
-Each goal is judged by the worst of the rows that it is about, by their medians. It writes the table of goals into
-benchmarks/README.md; `tools/bench.py` does so too when it has written tables there.
+Each goal is judged by the worst of the rows that it is about, by their medians. It writes the table of goals, and below
+it where the time goes, into benchmarks/README.md; `tools/bench.py` does so too when it has written tables there.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from benchmarks import common  # noqa: E402
 from benchmarks.convergence import plan, tables  # noqa: E402
 
 MARKS = "<!-- the table of goals.py -->\n", "<!-- its end -->\n"
+TIME_MARKS = "<!-- goals.py: where the time goes -->\n", "<!-- its end -->\n"
+LARGEST = 3  # parts of the kernel that are named
 PAGE = ROOT / "benchmarks" / "README.md"
 YES, NO, UNKNOWN = "yes", "no", "not measured"
 NEAR_LINE = 0.15  # how far, relative, render times may be from a straight line over the logarithm
@@ -147,8 +149,21 @@ def table(folder: Path = common.RESULTS) -> str:
     return common.markdown([goal.row(folder) for goal in GOALS])
 
 
+def where_time_goes(folder: Path = common.RESULTS) -> str:
+    """Of the table of `hotspots.py`: Embree's share, and the largest of the kernel's parts."""
+    rows = []
+    for row in common.read_table("hotspots", folder):
+        parts = {part: share for part, share in row.items() if share.endswith("%")}
+        embree = parts.pop("Embree")
+        largest = sorted(parts.items(), key=lambda part: -float(part[1].rstrip("%")))[:LARGEST]
+        shares = ", ".join(f"{part} {share}" for part, share in largest)
+        rows.append({"scene": row["scene"], "Embree": embree, "then": shares})
+    return common.markdown(rows) if rows else ""
+
+
 def write(page: Path = PAGE, folder: Path = common.RESULTS) -> None:
     tables.quote(page, table(folder), MARKS)
+    tables.quote(page, where_time_goes(folder), TIME_MARKS)
 
 
 if __name__ == "__main__":

@@ -75,10 +75,11 @@ def render_and_record(name: str, size: tuple[int, int], duration: float, folder:
     from benchmarks import ceiling
 
     common.enable_lobe()
-    from bl_ext.user_default.lobe.engine import render, schedule
+    from bl_ext.user_default.lobe.engine import Prepared, render, schedule
 
     scene, settings = ceiling.export(name, size, SAMPLES, 1)
-    render(scene, settings)  # compiles
+    prepared = Prepared()  # so that it is packed once
+    render(scene, settings, prepared=prepared)  # compiles
     packed = schedule.pack(scene, settings)
     (compiled,) = schedule.tile_kernel(packed.features).overloads.values()
     function = compiled.fndesc.llvm_func_name
@@ -89,7 +90,7 @@ def render_and_record(name: str, size: tuple[int, int], duration: float, folder:
     time.sleep(WARMING_UP)
     begun = time.perf_counter()
     while time.perf_counter() - begun < duration:
-        render(scene, settings)
+        render(scene, settings, prepared=prepared)
     perf.send_signal(signal.SIGINT)
     perf.wait()
 

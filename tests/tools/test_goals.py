@@ -84,3 +84,12 @@ def test_the_readme_of_the_benchmarks_quotes_the_table():
     page = goals.PAGE.read_text(encoding="utf-8")
     quoted = page.split(goals.MARKS[0])[1].split(goals.MARKS[1])[0]
     assert quoted == goals.table(), "write it anew: python benchmarks/goals.py"
+    quoted = page.split(goals.TIME_MARKS[0])[1].split(goals.TIME_MARKS[1])[0]
+    assert quoted == goals.where_time_goes(), "write it anew: python benchmarks/goals.py"
+
+
+def test_where_the_time_goes_names_the_largest_parts(tmp_path):
+    assert goals.where_time_goes(tmp_path) == ""
+    row = {"scene": "lamps", "samples": "100", "Embree": "50%", "a": "9%", "b": "20%", "c": "1%", "d": "20%"}
+    common.update_table("hotspots", ("scene",), [row], folder=tmp_path)
+    assert "| lamps | 50% | b 20%, d 20%, a 9% |" in goals.where_time_goes(tmp_path)
