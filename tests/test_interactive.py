@@ -315,6 +315,31 @@ def test_a_pause_goes_on_where_it_was(watcher):
     assert np.array_equal(watcher.pictures[-1].pixels, render(scene, settings).pixels)
 
 
+@pytest.mark.parametrize(("at", "left"), [(1, True), (2, False)])
+def test_a_pause_that_comes_in_the_last_pass_leaves_nothing_to_wait_for(at, left):
+    """Pictures have 1, 2 and 4 samples."""
+    seen, paused = [], threading.Event()
+
+    def changed() -> None:
+        if paused.is_set():
+            seen.append(interactive.waiting)
+        elif interactive.picture is not None and interactive.picture.samples == at:
+            paused.set()
+            interactive.pause()
+
+    interactive = Interactive(changed)
+    try:
+        interactive.show(room(), QUICK)
+        assert paused.wait(PATIENCE)
+        deadline = time.perf_counter() + PATIENCE
+        while not seen:
+            assert time.perf_counter() < deadline
+            time.sleep(0.01)
+        assert seen == [left] and interactive.waiting == left
+    finally:
+        assert interactive.close(PATIENCE)
+
+
 def test_what_is_shown_in_a_pause_is_rendered_after_it(watcher):
     scene = room()
     watcher.show(scene)
