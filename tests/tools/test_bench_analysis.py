@@ -207,9 +207,11 @@ def test_levels_end_at_the_most():
 
 def test_forecast_of_an_error():
     """Through both renders, and after them as plain samples."""
-    found = plan.Forecast(plan.Cost(0.0, 1.0), (1, 1.0), (16, 16**-1.5))
-    assert [found.error(n) for n in (1, 4, 16, 32)] == pytest.approx([1.0, 1 / 8, 1 / 64, 1 / 128])
-    assert plan.Forecast(plan.Cost(0.0, 1.0), (1, 0.1), (16, 0.2)).error(1) == pytest.approx(0.8)  # a bright pixel
+    found = plan.Forecast(plan.Cost(0.0, 1.0), (1, 1.0), (16, 16**-1.25))
+    assert [found.error(n) for n in (1, 4, 16, 32)] == pytest.approx([1.0, 4**-1.25, 16**-1.25, 16**-1.25 / 2])
+    for bright in (0.001, 1e9):  # pixels that were not met, or were: slopes of 1 and 1.5
+        found = plan.Forecast(plan.Cost(0.0, 1.0), (1, bright), (16, 1 / 16))
+        assert found.error(4) == pytest.approx(1 / 4 if bright < 1 else 1 / 2)
 
 
 def test_each_engine_goes_on_to_the_same_error():
