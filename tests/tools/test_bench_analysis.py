@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,6 +111,14 @@ def test_all_columns_have_the_same_range(rng):
     assert np.isnan(ratios[tables.SAMPLING_RATIO][0]) and ratios[tables.RATIO][0] == pytest.approx(1.0)
     ratios, _ = tables.ratios_and_range(lobe, cycles[2:4])
     assert np.isnan([ratio[0] for ratio in ratios.values()]).all()  # a factor of 4 in common
+
+
+def test_bright_pixels_leave_the_ratio_at_trimmed_errors(rng):
+    lobe, cycles = levels_of(rng, 2.0, 0.1), levels_of(rng, 2.0, 0.5)
+    bright = [replace(level, whole=np.full(SEEDS, 2.0)) for level in cycles]
+    ratios, _ = tables.ratios_and_range(lobe, bright)
+    assert ratios.pop(tables.TRIMMED_RATIO)[0] == pytest.approx(5.0)
+    assert np.isnan([ratio[0] for ratio in ratios.values()]).all()
 
 
 def test_a_level_that_is_no_better_is_left_out(rng):
