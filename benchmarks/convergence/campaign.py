@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tools import metrics
+
 from . import analysis, plan
 from .analysis import Level
 from .plan import DEFAULT, ENGINES, LEVEL_FACTOR, VARIANTS, Cost, Forecast, Job, Settings, Variant
@@ -31,6 +33,7 @@ class Trial:
     variant: Variant
     samples: int
     error: float  # relMSE, mean over the seeds
+    trimmed: float
     seconds: float  # of sampling, median
 
     @property
@@ -93,7 +96,7 @@ class Campaign:
         reference = make_reference(stack(long["LOBE"]), stack(long["CYCLES"]), samples)
         trials = self.pilot(costs["CYCLES"], reference) if "CYCLES" in self.settings.engines else []
         variant = min(trials, key=lambda trial: trial.cost).variant if trials else DEFAULT
-        forecasts = {engine: forecast(probes[engine], reference) for engine in self.settings.engines}
+        forecasts = {engine: forecast(probes[engine], long[engine], reference) for engine in self.settings.engines}
         if trials:
             forecasts["CYCLES"] = of_variant(forecasts["CYCLES"], trials, variant)
         renders = self.levels(forecasts, variant)
@@ -124,15 +127,7 @@ class Campaign:
         for index in range(plan.PILOT_SEEDS):
             for variant in VARIANTS:
                 found[variant].append(self.render(plan.job("pilot", "CYCLES", samples, index, variant)))
-        return [
-            Trial(
-                variant,
-                samples,
-                float(np.mean([reference.errors(render.picture)[0] for render in runs])),
-                float(np.median([render.sampling or render.total for render in runs])),
-            )
-            for variant, runs in found.items()
-        ]
+        return [trial(variant, samples, runs, reference) for variant, runs in found.items()]
 
     def levels(self, forecasts: dict[str, Forecast], variant: Variant) -> dict[str, dict[int, list[Render]]]:
         """Renders of each engine by samples: whole levels, all of them from one seed before any from the next."""
@@ -162,19 +157,29 @@ def stack(renders: Iterable[Render]) -> np.ndarray:
     return np.stack([render.picture for render in renders])
 
 
-def forecast(probe: Probe, reference: Reference) -> Forecast:
-    errors = [reference.errors(render.picture)[0] for render in (probe.few, probe.many)]
-    return Forecast(probe.cost, (1, errors[0]), (probe.samples, errors[1]))
+def trial(variant: Variant, samples: int, runs: list[Render], reference: Reference) -> Trial:
+    whole, trimmed = np.mean([reference.errors(render.picture) for render in runs], axis=0)
+    seconds = float(np.median([render.sampling or render.total for render in runs]))
+    return Trial(variant, samples, float(whole), float(trimmed), seconds)
+
+
+def forecast(probe: Probe, long: list[Render], reference: Reference) -> Forecast:
+    """long: the engine's renders of which the reference is made; they tell each other's noise."""
+    return Forecast(
+        probe.cost,
+        (1, reference.errors(probe.few.picture)[0]),
+        (reference.samples, metrics.noise(stack(long), reference.picture)),
+    )
 
 
 def of_variant(default: Forecast, trials: list[Trial], variant: Variant) -> Forecast:
-    """Cycles' forecast with a variant's settings: the default's is of the probe, the pilot knows both."""
+    """Cycles' forecast with a variant's settings: that of the default's, times what the pilot found between them."""
     usual, chosen = (next(t for t in trials if t.variant == wanted) for wanted in (DEFAULT, variant))
-    change = chosen.error / usual.error if usual.error > 0.0 else 1.0
+    change = chosen.trimmed / usual.trimmed if usual.trimmed > 0.0 else 1.0
     return Forecast(
         Cost(default.cost.fixed, chosen.seconds / chosen.samples),
         (1, default.few[1] * change),
-        (chosen.samples, chosen.error),
+        (default.many[0], default.many[1] * change),
     )
 
 

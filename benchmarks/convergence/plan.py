@@ -20,6 +20,7 @@ FEWEST_LEVELS = 2  # these run whatever they cost: one point is no curve
 # span WANTED_OVERLAP. Where they span less than LEAST_OVERLAP in the end, no ratio of times is given.
 TARGET_ERROR = 0.02
 LEAST_OVERLAP, WANTED_OVERLAP = 10.0, 16.0
+STEEPEST = -1.5  # slope of an error over samples that a forecast believes
 REFERENCE_SEEDS = 8
 PILOT_SEEDS = 3
 # Shares of the budget; the levels get what is left, or as much of it as they need.
@@ -110,17 +111,18 @@ def cost(few: tuple[int, float], many: tuple[int, float]) -> Cost:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What is known of an engine before its levels run. few, many: (samples, relMSE), the latter of more samples."""
+    """What is known of an engine before its levels run. few, many: (samples, relMSE); the first is of one render, in
+    which a bright pixel may say too much, the second of many."""
 
     cost: Cost
     few: tuple[int, float]
     many: tuple[int, float]
 
     def error(self, samples: int) -> float:
-        """relMSE: straight on log-log paper through both points, and after the second falling like 1 / samples."""
+        """relMSE: straight on log-log paper up to the second point, about through the first, after it falling like
+        1 / samples."""
         (n, first), (m, last) = ((n, max(error, 1e-12)) for n, error in (self.few, self.many))
-        # Of one render, so a few bright pixels may hide how it falls.
-        slope = min(max(math.log(last / first) / math.log(m / n), -2.0), -0.5) if samples < m else -1.0
+        slope = min(max(math.log(last / first) / math.log(m / n), STEEPEST), -1.0) if samples < m else -1.0
         return last * (samples / m) ** slope
 
 

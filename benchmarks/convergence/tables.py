@@ -48,12 +48,13 @@ EQUAL_ERROR_NOTE = f"""\
 {SETTINGS} Times are of warm renders: Lobe's kernels are loaded, and each engine has rendered the scene before.
 All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
 1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
-seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a
-range of their own. Cycles' sampling time holds what it prepares on the device, and levels at which it is below 0.05 s
-are left out, as Cycles tells it in hundredths. "Slopes apart" names an engine whose slopes over time and over samples
-differ by more than 0.15: something else than samples moved its times, so read its row with care. "OSL": Cycles shades
-the Phong surfaces of the scene with Open Shading Language, which slows it. Geometric means are of the sample scenes at
-the resolution and threads of `make bench`, without those whose pictures DIFFER. {AGREEMENT}
+seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a range
+of their own, and may have a ratio where a few bright pixels keep whole errors from falling. Cycles' sampling time holds
+what it prepares on the device, and levels at which it is below 0.05 s are left out, as Cycles tells it in hundredths.
+"Slopes apart" names an engine whose slopes over time and over samples differ by more than 0.15: something else than
+samples moved its times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the scene with Open
+Shading Language, which slows it. Geometric means are of the sample scenes at the resolution and threads of `make
+bench`, without those whose pictures DIFFER. {AGREEMENT}
 
 """
 
@@ -148,15 +149,10 @@ def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, 
             for error in ("whole", "trimmed")
         )
         at_sampling = NO_RATIO
-    ratios = {
-        RATIO: total.mean,
-        LOWEST_RATIO: total.at_lowest,
-        SAMPLING_RATIO: at_sampling,
-        TRIMMED_RATIO: trimmed.mean,
-    }
+    ratios = {RATIO: total.mean, LOWEST_RATIO: total.at_lowest, SAMPLING_RATIO: at_sampling}
     if not total.enough:
         ratios = dict.fromkeys(ratios, NO_RATIO)
-    return ratios, total.errors
+    return ratios | {TRIMMED_RATIO: trimmed.mean if trimmed.enough else NO_RATIO}, total.errors
 
 
 def ratio_columns(name: str, ratio: tuple[float, float, float]) -> dict[str, str]:

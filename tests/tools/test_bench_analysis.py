@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,14 @@ def test_all_columns_have_the_same_range(rng):
     assert np.isnan([ratio[0] for ratio in ratios.values()]).all()  # a factor of 4 in common
 
 
+def test_bright_pixels_leave_the_ratio_at_trimmed_errors(rng):
+    lobe, cycles = levels_of(rng, 2.0, 0.1), levels_of(rng, 2.0, 0.5)
+    bright = [replace(level, whole=np.full(SEEDS, 2.0)) for level in cycles]
+    ratios, _ = tables.ratios_and_range(lobe, bright)
+    assert ratios.pop(tables.TRIMMED_RATIO)[0] == pytest.approx(5.0)
+    assert np.isnan([ratio[0] for ratio in ratios.values()]).all()
+
+
 def test_a_level_that_is_no_better_is_left_out(rng):
     lobe, cycles = power_law(rng, 1.0, 0.01), power_law(rng, 1.0, 0.02)
     lobe.errors[3] = lobe.errors[2]
@@ -207,9 +217,11 @@ def test_levels_end_at_the_most():
 
 def test_forecast_of_an_error():
     """Through both renders, and after them as plain samples."""
-    found = plan.Forecast(plan.Cost(0.0, 1.0), (1, 1.0), (16, 16**-1.5))
-    assert [found.error(n) for n in (1, 4, 16, 32)] == pytest.approx([1.0, 1 / 8, 1 / 64, 1 / 128])
-    assert plan.Forecast(plan.Cost(0.0, 1.0), (1, 0.1), (16, 0.2)).error(1) == pytest.approx(0.8)  # a bright pixel
+    found = plan.Forecast(plan.Cost(0.0, 1.0), (1, 1.0), (16, 16**-1.25))
+    assert [found.error(n) for n in (1, 4, 16, 32)] == pytest.approx([1.0, 4**-1.25, 16**-1.25, 16**-1.25 / 2])
+    for bright in (0.001, 1e9):  # pixels that were not met, or were: slopes of 1 and 1.5
+        found = plan.Forecast(plan.Cost(0.0, 1.0), (1, bright), (16, 1 / 16))
+        assert found.error(4) == pytest.approx(1 / 4 if bright < 1 else 1 / 2)
 
 
 def test_each_engine_goes_on_to_the_same_error():

@@ -20,13 +20,15 @@ CODES = {"LOBE": "l", "CYCLES": "c"}
 class FakeRenderer:
     """Lobe: error 1 / samples and 1 ms a sample. Cycles: twice the error, thrice the time; BEST is half as noisy.
 
-    slowing: each render takes longer than the one before by this share.
+    slowing: each render takes longer than the one before by this share. bright: in Lobe's probes one value is off by
+    so much.
     """
 
-    def __init__(self, stop_after: int | None = None, slowing: float = 0.0) -> None:
+    def __init__(self, stop_after: int | None = None, slowing: float = 0.0, bright: float = 0.0) -> None:
         self.jobs: list[Job] = []
         self.stop_after = stop_after
         self.slowing = slowing
+        self.bright = bright
 
     def __call__(self, job: Job) -> runs.Render:
         if self.stop_after is not None and len(self.jobs) >= self.stop_after:
@@ -36,6 +38,8 @@ class FakeRenderer:
         cost *= (1.0 + self.slowing) ** len(self.jobs)
         rng = np.random.default_rng(job.seed)
         noise = np.sqrt(factor / job.samples * (TRUTH**2 + 0.01)) * rng.normal(size=TRUTH.shape)
+        if (job.engine, job.purpose) == ("LOBE", "probe"):
+            noise[3, 4, 0] += self.bright
         told = 0.0 if job.engine == "LOBE" else None
         seconds = {"export": 0.0, "build": told, "compile": told, "render": cost * job.samples}
         return runs.Render(
@@ -64,6 +68,11 @@ def settings(scene, **changes) -> Settings:
 def measure(tmp_path, chosen: Settings, renderer: FakeRenderer, codes=CODES) -> campaign.Outcome:
     store = runs.Store(tmp_path / "store", chosen, renderer, codes)
     return campaign.Campaign(chosen, store, lambda what, spent: None).measure()
+
+
+def test_a_bright_pixel_in_the_probe_adds_a_level_at_most(tmp_path, scene):
+    outcome = measure(tmp_path, settings(scene), FakeRenderer(bright=1e3))
+    assert [level.samples for level in outcome.levels["LOBE"]] == [1, 4, 16, 64, 128]
 
 
 def test_the_campaign_finds_what_was_put_in(tmp_path, scene):
