@@ -105,6 +105,7 @@ def test_figures(seen, record) -> None:
     figures["new pictures a second while orbiting"] = seen["orbit"]["updates"]
     figures["s without any reaction, at most, while the first kernel compiles"] = seen["standstill"]["rendered"]
     figures["s of the processor for each second at rest"] = seen["idle"]
+    assert all(value > 0 for value in figures.values()), "a figure that was never taken"
     for what, value in figures.items():
         record("viewport", ("Blender", "what"), {**where, "what": what, "value": f"{value:.3g}"})
 
