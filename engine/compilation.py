@@ -35,7 +35,7 @@ class Compilation:
     def __call__(self, seconds: float) -> Doing:
         """After so many seconds."""
         if not self._total:
-            return PREPARING
+            return loading(seconds)
         self._left = [path for path in self._left if not os.path.exists(path)]
         done = self._total - self._kernels - len(self._left)
         return Doing(f"compiling: {done} of {self._total} functions, {seconds:.0f} s {ONCE}", (done, self._total))
@@ -61,6 +61,7 @@ def _file(function: Any) -> str:
     return function._cache._cache_file._index_path
 
 
-def of_callback(seconds: float) -> Doing:
-    """What to say while a function for C to call is loaded or compiled, which of them Numba doesn't tell."""
-    return Doing(f"compiling, {seconds:.0f} s {ONCE}") if seconds > ANNOUNCE_SECONDS else PREPARING
+def loading(seconds: float) -> Doing:
+    """What to say of what is kept, but perhaps for another processor, and of functions for C to call, of which Numba
+    doesn't tell whether they are."""
+    return Doing(f"loading or compiling, {seconds:.0f} s") if seconds > ANNOUNCE_SECONDS else PREPARING

@@ -22,7 +22,7 @@ import numpy as np
 
 from . import elsewhere
 from .adaptive import AdaptiveSampling
-from .compilation import PREPARING, Compilation, of_callback
+from .compilation import PREPARING, Compilation, loading
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.batch import BATCH
@@ -310,9 +310,9 @@ def _seen_first(features: Features) -> Features:
 def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[float], Doing], Callable]]:
     """What loads or compiles the functions that packing the scene needs, each after what to say meanwhile. halt: see
     `get_kernel`."""
-    yield of_callback, build_monitor
+    yield loading, build_monitor
     if scene.lights:
-        yield of_callback, lamp_filter
+        yield loading, lamp_filter
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
         yield Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache())), partial(_get_builder, halt)
 

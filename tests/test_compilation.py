@@ -75,10 +75,11 @@ def test_steps_are_the_functions_that_are_there(folder):
 
 def test_what_is_kept_or_here_is_not_compiled(folder):
     kernel = make_kernel(unused)
-    assert Compilation([kernel], is_kept=True)(99.0) == PREPARING
+    assert Compilation([kernel], is_kept=True)(1.0) == PREPARING
+    assert Compilation([kernel], is_kept=True)(99.0) == Doing("loading or compiling, 99 s")  # of another processor
     assert Compilation([kernel], is_kept=False)(1.0).steps == (0, 3)
     kernel(1)
-    assert Compilation([kernel], is_kept=False)(99.0) == PREPARING
+    assert Compilation([kernel], is_kept=False)(1.0) == PREPARING
     assert Compilation([kernel, make_kernel(unused)], is_kept=False)(1.0).steps == (0, 4)
 
 
