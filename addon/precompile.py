@@ -8,12 +8,18 @@ This file is also what they run.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import re
 import sys
 
 CACHE_VARIABLE = "LOBE_CACHE_DIR"  # read by engine/kernels/jit.py
-_process = None
+LOOK_INTERVAL = 1.0  # seconds
+DONE = "{} of {} kinds of scenes are compiled"  # a line of the log
+_process = None  # the one that compiles the common kernels
+_log = ""  # the file that it writes to
+_said = ""
 _own_variable = False
 
 
@@ -47,16 +53,19 @@ def unregister() -> None:
 
 def start() -> None:
     """Start the process, unless these kernels were compiled before or there is nowhere to keep the result."""
-    global _process
+    global _process, _log
     folder = os.environ.get(CACHE_VARIABLE)
     if not folder or not _has_python() or os.path.exists(_stamp(folder)):
         return
     import atexit
     import subprocess
 
+    import bpy
+
+    _log = os.path.join(folder, "precompile.log")
     try:
         os.makedirs(folder, exist_ok=True)
-        with open(os.path.join(folder, "precompile.log"), "w") as log:
+        with open(_log, "w") as log:
             _process = subprocess.Popen(
                 [*_command(), "", _stamp(folder)],
                 env=_environment(),
@@ -67,16 +76,54 @@ def start() -> None:
             )
     except OSError:  # the engine keeps its kernels elsewhere then, and says so
         return
-    atexit.register(stop)
+    atexit.register(_end)
+    bpy.app.timers.register(_look, persistent=True)
+
+
+def said() -> str:
+    """How far the process is, for a panel; empty where there is none."""
+    return _said
+
+
+def _look() -> float | None:
+    """Blender's timer: see how far it is, until it has ended."""
+    from .scene_report import redraw_properties
+
+    global _said
+    before, _said = _said, _progress()
+    if _said != before:
+        redraw_properties()
+    return LOOK_INTERVAL if _said else None
+
+
+def _progress() -> str:
+    if _process is None or _process.poll() is not None:
+        return ""
+    text = "Compiling in the background"
+    counts = []
+    with contextlib.suppress(OSError), open(_log, errors="replace") as log:  # users may delete it
+        counts = re.findall(DONE.format(r"(\d+)", r"(\d+)"), log.read())
+    return f"{text}: {counts[-1][0]} of {counts[-1][1]}" if counts else text
 
 
 def stop() -> None:
+    import bpy
+
+    global _said
+    if bpy.app.timers.is_registered(_look):
+        bpy.app.timers.unregister(_look)
+    _said = ""
+    _end()
+
+
+def _end() -> None:
+    """Also when Blender closes, and is no longer there to be asked."""
     global _process
     if _process is None:
         return
     import atexit
 
-    atexit.unregister(stop)
+    atexit.unregister(_end)
     if _process.poll() is None:
         _process.kill()
     _process.wait()
@@ -137,9 +184,14 @@ def _main(package: str, folder: str, kernel: str, stamp: str = "") -> None:
         parent = types.ModuleType(".".join(names[:depth]))
         parent.__path__ = [os.path.dirname(folder)] if depth == len(names) - 1 else []
         sys.modules[parent.__name__] = parent
-    importlib.import_module(f"{package}.engine").precompile(kernel)
+    importlib.import_module(f"{package}.engine").precompile(kernel, _tell)
     if stamp:
         open(stamp, "w").close()
+
+
+def _tell(done: int, total: int) -> None:
+    """In the process: for Blender, which reads the log."""
+    print(DONE.format(done, total), flush=True)
 
 
 if __name__ == "__main__":

@@ -141,9 +141,7 @@ class Session:
                     worker.stop(KEEPING)
                 break
             now, progress = time.perf_counter(), worker.progress
-            if progress is not None and (
-                said is None or progress.message != said.message or now - said_at >= SAY_INTERVAL
-            ):
+            if progress is not None and (now - said_at >= SAY_INTERVAL or _is_news(progress, said)):
                 self._say(progress)
                 said, said_at = progress, now
             pixels = worker.take_pixels()
@@ -163,6 +161,11 @@ class Session:
         if progress.remaining is not None:
             parts.insert(0, f"Remaining: {_clock(progress.remaining)}")
         self.engine.update_stats("", " | ".join(parts))
+
+
+def _is_news(progress: lobe.Progress, said: lobe.Progress | None) -> bool:
+    """Whether another phase has begun. Where steps are counted every message is another: those wait for their turn."""
+    return progress.steps is None and (said is None or progress.message != said.message)
 
 
 def _kept_layers(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> KeptLayers:

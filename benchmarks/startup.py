@@ -64,16 +64,17 @@ def child_render() -> dict:
     messages: list[str] = []
     real_render = engine.render
 
-    def watched(described, settings, *, progress=None, stop=None):
+    def watched(described, settings, *, progress=None, **others):
         def listen(state):
-            if state.message not in messages:
-                messages.append(state.message)
+            message = state.message.partition(":")[0]
+            if message not in messages:
+                messages.append(message)
             if not first and state.pixels() is not None:
                 first.append(time.perf_counter() - start)
             if progress is not None:
                 progress(state)
 
-        return real_render(described, settings, progress=listen, stop=stop)
+        return real_render(described, settings, progress=listen, **others)
 
     session.lobe.render = watched
     start = time.perf_counter()

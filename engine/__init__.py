@@ -127,14 +127,15 @@ def numba_problem() -> str | None:
     return None
 
 
-def precompile(kernel: str = "") -> None:
+def precompile(kernel: str, progress: Callable[[int, int], None]) -> None:
     """Fill the cache on disk. Takes long, so call it in a process of its own.
 
-    kernel  which, as `compile_elsewhere` names it; empty: those that scenes most often need
+    kernel    which, as `compile_elsewhere` names it; empty: those that scenes most often need
+    progress  told, before each of those, how many are done and of how many
     """
     from . import schedule
 
     if kernel:
         schedule.precompile_one(json.loads(kernel))
     else:
-        schedule.precompile_common()
+        schedule.precompile_common(progress)

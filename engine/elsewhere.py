@@ -43,13 +43,13 @@ def compiled(kernel: dict[str, Any], folder: Path | None, stop: Callable[[], boo
     folder  the cache; None where nothing can be kept
     Raises CompilationStopped.
     """
-    if not _command or folder is None or _marker(kernel, folder).exists():
+    if not _command or folder is None or is_marked(kernel, folder):
         return
     while not _one_at_a_time.acquire(timeout=POLL_SECONDS):
         if stop():
             raise CompilationStopped
     try:
-        if not _marker(kernel, folder).exists():
+        if not is_marked(kernel, folder):
             _run([*_command, json.dumps(kernel)], stop)
     finally:
         _one_at_a_time.release()
@@ -78,6 +78,11 @@ def mark(kernel: dict[str, Any], folder: Path | None) -> None:
     if folder is not None:
         with contextlib.suppress(OSError):  # a full disk: the next one compiles it again
             _marker(kernel, folder).touch()
+
+
+def is_marked(kernel: dict[str, Any], folder: Path | None) -> bool:
+    """Whether this kernel is in the cache."""
+    return folder is not None and _marker(kernel, folder).exists()
 
 
 def _marker(kernel: dict[str, Any], folder: Path) -> Path:

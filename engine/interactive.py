@@ -32,7 +32,7 @@ class Interactive:
     up to the settings' samples; then it waits. No method but `close` ever waits for anything.
 
     picture  the newest one; None before the first
-    message  what is being done when it isn't rendering: "building", "compiling (first time only)"; else empty
+    message  what is being done when it isn't rendering: "building", "compiling: 3 of 250 functions, ..."; else empty
     error    why what was shown last can't be rendered; None where it can
     waiting  whether a pause keeps it from what is to be rendered
 

@@ -61,7 +61,7 @@ def build_light_tree(
     else:
         emitters[:, SIDES] = -1
     stack = np.zeros((STACK_ROWS, 5), np.int64)
-    _build(emitters, np.arange(count), stack, np.zeros((3, BUCKETS + 1, SUMS)), nodes, integers, paths)
+    build_nodes(emitters, np.arange(count), stack, np.zeros((3, BUCKETS + 1, SUMS)), nodes, integers, paths)
     return LightTree(nodes, integers, _halves(paths))
 
 
@@ -72,13 +72,13 @@ def _halves(paths: np.ndarray) -> np.ndarray:
 
 def load_builder() -> None:
     """Have the builder ready: compiled, or read from the disk cache."""
-    if not _build.signatures:
+    if not build_nodes.signatures:
         two = np.zeros((2, 6))
         build_light_tree(two, two[:, :3], two[:, 0], two[:, 0], np.ones(2))
 
 
 @kernel
-def _build(emitters, order, stack, scratch, nodes, integers, paths):
+def build_nodes(emitters, order, stack, scratch, nodes, integers, paths):
     """Fills `nodes` and `paths`. order: the emitter of each row of `emitters`; both are changed so that clusters lie
     side by side: rows that are read one after the other come from memory in half the time."""
     used, top = 1, 0

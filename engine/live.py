@@ -13,14 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from .compilation import PREPARING
 from .features import Features
 from .film import Film
 from .kernels.camera.layout import PIXEL_X, PIXEL_Y
 from .pack import Packed, pack
 from .pack.again import pack_again, same_meshes
-from .result import Picture
+from .result import Doing, Picture
 from .scene import Instances, Scene, World
 from .schedule import (
+    BUILDING,
     PASS_SAMPLES,
     TILE_SAMPLES,
     TILES_PER_THREAD,
@@ -149,24 +151,25 @@ class Live:
             self._pool.shutdown(wait=True)
             self._threads, self._pool = threads, ThreadPoolExecutor(threads, thread_name_prefix="Lobe viewport")
         if self._packed is None:
-            for load in small_functions(scene, self._halt_build):
-                self._do(compiling, load)
-        self._packed = self._do(lambda _: "building", self._pack, scene, settings)
-        if self._packed.features not in self._loaded:
-            self._do(compiling, get_kernel, self._packed, settings, self._halt_build)
-            self._loaded.add(self._packed.features)
+            for doing, load in small_functions(scene, self._halt_build):
+                self._do(doing, load)
+        packed = self._packed = self._do(lambda _: BUILDING, self._pack, scene, settings)
+        if packed.features not in self._loaded:
+            doing = self._do(lambda _: PREPARING, compiling, packed)
+            self._do(doing, get_kernel, packed, settings, self._halt_build)
+            self._loaded.add(packed.features)
 
     def _pack(self, scene: Scene, settings: Settings) -> Packed:
         if self._packed is not None:
             return pack_again(self._packed, scene, settings, self._halt_build)
         return pack(scene, settings, self._halt_build)
 
-    def _do(self, message: Callable[[float], str], function: Callable, *arguments):
+    def _do(self, doing: Callable[[float], Doing], function: Callable, *arguments):
         """Call a function, and say what is done when it takes long."""
         begun, said = time.perf_counter(), ""
         future = self._pool.submit(function, *arguments)
         while wait([future], timeout=ANNOUNCE_SECONDS).not_done:
-            text = message(time.perf_counter() - begun)
+            text = doing(time.perf_counter() - begun).message
             if text != said:
                 self._say(text)
                 said = text

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 RENDERING = "rendering"  # the message of the phase that makes samples
 
 
+class Doing(NamedTuple):
+    """What is being done. steps: how many are done, and of how many, where they are counted."""
+
+    message: str
+    steps: tuple[int, int] | None = None
+
+
 @dataclass(frozen=True)
 class Progress:
-    """A look at a running render. `pixels()` makes the picture so far, shaped as `Result.pixels`, or None."""
+    """A look at a running render. `pixels()` makes the picture so far, shaped as `Result.pixels`, or None.
+    steps: (done, of how many) of what the message says, where they are counted."""
 
     samples: int
     total: int
@@ -20,10 +29,13 @@ class Progress:
     remaining: float | None
     message: str
     pixels: Callable[[], np.ndarray | None]
+    steps: tuple[int, int] | None = None
 
     @property
     def fraction(self) -> float:
-        return self.samples / self.total if self.total else 0.0
+        """Of the phase."""
+        done, total = self.steps or (self.samples, self.total)
+        return done / total if total else 0.0
 
     @property
     def is_tracing(self) -> bool:

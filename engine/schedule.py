@@ -22,6 +22,7 @@ import numpy as np
 
 from . import elsewhere
 from .adaptive import AdaptiveSampling
+from .compilation import PREPARING, Compilation, loading
 from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
 from .film import Film
 from .kernels.batch import BATCH
@@ -31,13 +32,13 @@ from .kernels.jit import CACHE_FOLDER, lost_cache
 from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
 from .kernels.tile import make_tile_kernel, new_memory
-from .lighttree import load_builder
+from .lighttree import build_nodes, load_builder
 from .memory import foresee, need_of_film
 from .pack import Packed, pack
 from .pack.again import pack_next
 from .passes import LIGHT
 from .prepared import Prepared
-from .result import RENDERING, Progress, Result
+from .result import RENDERING, Doing, Progress, Result
 from .scene import Camera, Scene
 from .settings import Settings
 
@@ -48,7 +49,7 @@ TILES = 64  # at least, also in small pictures, as long as they fill a batch of 
 TILES_PER_THREAD = 8  # at least, so that the threads end a pass together
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
-ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
+BUILDING = Doing("building")
 TREE_BUILDER = {"function": "builder of light trees"}  # in place of a `_name`
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
@@ -74,15 +75,15 @@ class _Watch:
     def show(self, film: Film) -> None:
         """From now on the film's picture and the remaining time are told."""
         self.film, self.render_start = film, time.perf_counter()
-        self.tell(RENDERING, force=True)  # who cancels from now on gets a picture, and may wait for it
+        self.tell(Doing(RENDERING), force=True)  # who cancels from now on gets a picture, and may wait for it
 
     @property
     def deadline(self) -> float:
         return self.render_start + self._time_limit if self._time_limit else np.inf
 
-    def tell(self, message: str, force: bool = False) -> None:
+    def tell(self, doing: Doing, force: bool = False) -> None:
         now = time.perf_counter()
-        if self._progress is None or not (force or now - self._told > PROGRESS_SECONDS):
+        if self._progress is None or not (force or self.is_due()):
             return
         self._told = now
         film, remaining = self.film, None
@@ -91,9 +92,15 @@ class _Watch:
             remaining = (now - self.render_start) * (self.total - done) / done
             remaining = max(min(remaining, self.deadline - now), 0.0)
         picture = film.pixels if film is not None and done > 0 else lambda: None
-        self._progress(Progress(int(done), self.total, now - self.start, remaining, message, picture))
+        self._progress(
+            Progress(int(done), self.total, now - self.start, remaining, doing.message, picture, doing.steps)
+        )
 
-    def wait_for(self, futures: Sequence[Future], message: Callable[[float], str]) -> None:
+    def is_due(self) -> bool:
+        """Whether nothing has been told for long enough."""
+        return time.perf_counter() - self._told > PROGRESS_SECONDS
+
+    def wait_for(self, futures: Sequence[Future], doing: Callable[[float], Doing]) -> None:
         """Until all are done; their exceptions are raised. Raises Stopped when the caller says so."""
         begun = time.perf_counter()
         pending = set(futures)
@@ -103,7 +110,8 @@ class _Watch:
                 future.result()
             if pending:
                 self.ask()
-            self.tell(message(time.perf_counter() - begun))
+            if self.is_due():
+                self.tell(doing(time.perf_counter() - begun))
 
     def ask(self) -> None:
         """Raises Stopped when the caller says so."""
@@ -145,7 +153,8 @@ class _Render:
             with self._timed("build"):
                 packed = self._build()
             with self._timed("compile"):
-                self._do(compiling, get_kernel, packed, self.settings, self.halt)
+                doing = self._do(lambda _: PREPARING, compiling, packed)  # may wait for another's compilation
+                self._do(doing, get_kernel, packed, self.settings, self.halt)
             with self._timed("render"):
                 self._passes(packed)
         except Stopped:
@@ -182,20 +191,20 @@ class _Render:
         finally:
             self.result.seconds[phase] = self.result.seconds.get(phase, 0.0) + time.perf_counter() - begun
 
-    def _do(self, message: Callable[[float], str], function: Callable, *arguments):
+    def _do(self, doing: Callable[[float], Doing], function: Callable, *arguments):
         """Call a function on a thread of the pool, while this one looks after the caller."""
         future = self.pool.submit(function, *arguments)
-        self.watch.wait_for([future], message)
+        self.watch.wait_for([future], doing)
         return future.result()
 
     def _load_small_ones(self) -> None:
         """Compiled functions that packing needs."""
-        self.watch.tell("building", force=True)
-        for function in small_functions(self.scene, self.halt):
-            self._do(compiling, function)
+        self.watch.tell(BUILDING, force=True)
+        for doing, function in small_functions(self.scene, self.halt):
+            self._do(doing, function)
 
     def _build(self) -> Packed:
-        packed = self._do(lambda _: "building", pack_next, self.prepared, self.scene, self.settings, self.halt)
+        packed = self._do(lambda _: BUILDING, pack_next, self.prepared, self.scene, self.settings, self.halt)
         self.result.skipped += packed.features.skipped()
         return packed
 
@@ -207,7 +216,7 @@ class _Render:
         adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
         for first, count in schedule(settings.samples):
             self._one_pass(packed, film, adaptive, first, count)
-            watch.tell(RENDERING, force=first == 0)
+            watch.tell(Doing(RENDERING), force=first == 0)
             watch.ask()  # a pass may be over before anybody asked
             if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
                 return
@@ -219,7 +228,7 @@ class _Render:
             self.pool.submit(self._work, packed, film, adaptive, tiles, first, count) for _ in range(self.threads)
         ]
         try:
-            self.watch.wait_for(futures, lambda _: RENDERING)
+            self.watch.wait_for(futures, lambda _: Doing(RENDERING))
         finally:
             # All threads have to be out of the kernel before anything that they read can go.
             self.halt[0] = any(not future.done() for future in futures)
@@ -298,17 +307,22 @@ def _seen_first(features: Features) -> Features:
     return Features(**{name: getattr(features, name) for name in names})
 
 
-def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[Callable]:
-    """What loads or compiles the functions that packing the scene needs. halt: see `get_kernel`."""
-    yield build_monitor
+def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[float], Doing], Callable]]:
+    """What loads or compiles the functions that packing the scene needs, each after what to say meanwhile. halt: see
+    `get_kernel`."""
+    yield loading, build_monitor
     if scene.lights:
-        yield lamp_filter
+        yield loading, lamp_filter
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
-        yield partial(_get_builder, halt)
+        yield Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache())), partial(_get_builder, halt)
 
 
-def compiling(seconds: float) -> str:
-    return "compiling (first time only)" if seconds > ANNOUNCE_SECONDS else "preparing"
+def compiling(packed: Packed) -> Compilation:
+    """What to say while `get_kernel` works."""
+    kernels = [tile_kernel(packed.features)]
+    if packed.surfaces:
+        kernels.append(first_hit_kernel(_seen_first(packed.features)))
+    return Compilation(kernels, elsewhere.is_marked(_name(packed), _cache()))
 
 
 def schedule(total: int) -> Iterator[tuple[int, int]]:
@@ -428,8 +442,9 @@ def precompile_one(name: dict[str, Any]) -> None:
     load_kernel(packed, settings)
 
 
-def precompile_common() -> None:
-    """Compile the kernels of common scenes into the disk cache, those that are needed soonest first.
+def precompile_common(progress: Callable[[int, int], None]) -> None:
+    """Compile the kernels of common scenes into the disk cache, those that are needed soonest first. progress: told how
+    many kinds of scenes are done, and of how many.
 
     Functions that kernels share are in the cache too: what these scenes have between them is most of what there is,
     so that any other scene takes a second or two to compile, where the very first takes some twelve.
@@ -460,7 +475,8 @@ def precompile_common() -> None:
     build_monitor()
     lamp_filter()
     packed = pack(Scene(camera=Camera()), Settings())
-    for features in common:
+    for done, features in enumerate(common):
+        progress(done, len(common))
         packed.features = features
         load_kernel(packed, Settings())
     precompile_one(TREE_BUILDER)

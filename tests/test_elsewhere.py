@@ -33,7 +33,9 @@ def test_the_process_is_told_which_kernel(started: Path, tmp_path: Path) -> None
 
 
 def test_what_the_cache_has_starts_no_process(started: Path, tmp_path: Path) -> None:
+    assert not elsewhere.is_marked(KERNEL, tmp_path)
     elsewhere.mark(KERNEL, tmp_path)
+    assert elsewhere.is_marked(KERNEL, tmp_path) and not elsewhere.is_marked(KERNEL, None)
     elsewhere.compiled(KERNEL, tmp_path, NEVER)
     assert not started.exists()
     elsewhere.compiled({**KERNEL, "first_hits": True}, tmp_path, NEVER)

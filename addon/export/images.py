@@ -12,6 +12,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from ...engine import foresee
 from .changes import uid_of
 from .stop import Stop
 from .units import srgb_to_linear
@@ -193,7 +194,9 @@ def read_file(path: str) -> Pixels | None:
         oiio.geterror()
         return None
     spec = source.spec()
-    data = source.read_image(0, 0, 0, min(spec.nchannels, 4), "uint8" if str(spec.format) == "uint8" else "float")
+    channels, in_bytes = min(spec.nchannels, 4), str(spec.format) == "uint8"
+    _foresee(os.path.basename(path), spec.width, spec.height, channels * (1 if in_bytes else 4))
+    data = source.read_image(0, 0, 0, channels, "uint8" if in_bytes else "float")
     straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
     source.close()
     if data is None:
@@ -221,11 +224,18 @@ def read_datablock(image) -> Pixels | None:
     channels = image.channels
     if not width or not height or not channels:
         return None
+    _foresee(image.name, width, height, 4 * channels)
     flat = np.empty(width * height * channels, np.float32)
     image.pixels.foreach_get(flat)
     if not image.is_float:
         flat = np.rint(flat * 255).astype(np.uint8)
     return _split(flat.reshape(height, width, channels), straight=not image.is_float)
+
+
+def _foresee(name: str, width: int, height: int, bytes_a_pixel: int) -> None:
+    """Raises LobeError where there is no memory for an image of so many bytes and its colour beside it, which is
+    (height, width, 3) float32 in the end."""
+    foresee({f"image {name!r} of {width} x {height} pixels": (bytes_a_pixel + 12) * width * height})
 
 
 def _split(data: np.ndarray, straight: bool) -> Pixels:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .. import precompile
 from .panel import LobePanel
 from .presets import (
     LOBE_PT_light_paths_presets,
@@ -195,6 +196,8 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
         sub.enabled = render.threads_mode == "FIXED"
         sub.prop(render, "threads")
         column.prop(render, "use_persistent_data", text="Persistent Data")
+        if said := precompile.said():
+            draw_text(self.layout, context, said, "TIME")
 
 
 CLASSES = (

@@ -18,6 +18,7 @@ from ..features import (
 from ..kernels import tables as t
 from ..kernels.geom.vec import LUMINANCE
 from ..kernels.light.environment import EnvironmentTable, build_environment, environment_irradiance
+from ..memory import OF_NEW_TEXEL, foresee, need_of_environment
 from ..scene import BLACK, AreaLight, Camera, Lamp, PointLight, Scene, SunLight, Visibility, World
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
@@ -66,6 +67,8 @@ def pack_lights(
     count = len(emitters.power)
     world_kind = _world_kind(scene.world)
     if environment is None:
+        if world_kind == IMAGE_WORLD:
+            foresee(need_of_environment(scene.world, OF_NEW_TEXEL))
         environment = build_environment(_world_image(scene.world, world_kind))
     groups = int(count > 0) + int(bool(suns)) + int(world_kind == IMAGE_WORLD)
     tables = t.Lights(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import bpy
 import pytest
 
 from tools.lobe_blender import MODULE
+
+PATIENCE = 60.0  # seconds
 
 
 @pytest.fixture
@@ -59,16 +64,61 @@ def test_it_runs_once_for_the_same_kernels(precompile, tmp_path: Path) -> None:
     assert precompile._process is None
 
 
+def test_it_says_how_far_it_is(precompile, tmp_path: Path, monkeypatch) -> None:
+    """While it runs, and panels are drawn again whenever that changes."""
+    more, drawn = tmp_path / "more", []
+    code = f"""
+import os, sys, time
+def wait_for(path):
+    while not os.path.exists(path):
+        time.sleep(0.01)
+print("numba says something", flush=True)
+wait_for({str(more)!r})
+print({precompile.DONE.format(0, 11)!r}, {precompile.DONE.format(4, 11)!r}, sep="\\n", flush=True)
+wait_for({str(more)!r} + " and more")
+"""
+    monkeypatch.setattr(precompile, "_command", lambda: [sys.executable, "-c", code])
+    report = importlib.import_module(f"{MODULE}.addon.scene_report")
+    monkeypatch.setattr(report, "redraw_properties", lambda: drawn.append(precompile.said()))
+    assert precompile.said() == ""
+    precompile.start()
+    assert bpy.app.timers.is_registered(precompile._look)
+    assert precompile._look() and precompile._look() and precompile.said() == "Compiling in the background"
+    more.touch()
+    deadline = time.perf_counter() + PATIENCE
+    while precompile.said() == "Compiling in the background" and time.perf_counter() < deadline:
+        assert precompile._look()
+    Path(f"{more} and more").touch()
+    assert precompile._process.wait(PATIENCE) == 0
+    assert precompile._look() is None and precompile.said() == ""
+    assert drawn == ["Compiling in the background", "Compiling in the background: 4 of 11", ""]
+
+
+def test_once_it_is_stopped_nothing_is_said(precompile) -> None:
+    precompile.start()
+    assert precompile._look() and precompile.said()
+    precompile.stop()
+    assert precompile.said() == "" and not bpy.app.timers.is_registered(precompile._look)
+
+
+def test_without_its_log_it_still_says_that_it_runs(precompile, tmp_path: Path) -> None:
+    precompile.start()
+    (tmp_path / "precompile.log").unlink()
+    assert precompile._look() and precompile.said() == "Compiling in the background"
+
+
 def test_it_compiles_under_the_names_that_blender_uses(precompile, tmp_path: Path) -> None:
     extension = tmp_path / "lobe"
     (extension / "engine").mkdir(parents=True)
     (extension / "__init__.py").touch()
-    (extension / "engine" / "__init__.py").write_text("def precompile(kernel):\n    print(__name__, repr(kernel))\n")
+    (extension / "engine" / "__init__.py").write_text(
+        "def precompile(kernel, progress):\n    progress(3, 11)\n    print(__name__, repr(kernel))\n"
+    )
     command = [sys.executable, precompile.__file__, MODULE, str(extension)]
     done = subprocess.run([*command, "", str(tmp_path / "stamp")], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == f"{MODULE}.engine ''"
+    assert done.stdout.splitlines() == [precompile.DONE.format(3, 11), f"{MODULE}.engine ''"]
     done = subprocess.run([*command, "a kernel"], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == f"{MODULE}.engine 'a kernel'"
+    assert done.stdout.splitlines()[-1] == f"{MODULE}.engine 'a kernel'"
     assert (tmp_path / "stamp").exists()
 
 
@@ -94,16 +144,40 @@ def test_a_cache_folder_that_the_user_chose_stays(precompile, tmp_path: Path) ->
     assert os.environ[precompile.CACHE_VARIABLE] == str(tmp_path)
 
 
-def test_the_engine_has_a_kernel_compiled_by_the_same_process(precompile, tmp_path: Path) -> None:
-    """As it is where there is a window: the kernel comes from a process that knows nothing but its name."""
-    engine = sys.modules[f"{MODULE}.engine"]
+@pytest.fixture(scope="module")
+def compilation():
+    """The engine's module. It is loaded here, before another test's cache folder is set: it would be the engine's."""
+    importlib.import_module(f"{MODULE}.engine.schedule")
+    return sys.modules[f"{MODULE}.engine.compilation"]
+
+
+def test_the_engine_has_a_kernel_compiled_by_the_same_process(
+    compilation, precompile, tmp_path: Path, monkeypatch
+) -> None:
+    """As it is where there is a window: the kernel comes from a process that knows nothing but its name. Meanwhile one
+    sees how many functions it has compiled, which are those that were expected."""
+    engine, schedule = (sys.modules[f"{MODULE}.{name}"] for name in ("engine", "engine.schedule"))
+    kernel = schedule.make_tile_kernel(schedule.Features())
+    needed, own = compilation.functions_of([kernel]), compilation._file
+
+    def there(function) -> str:
+        return str(tmp_path / "kernels" / Path(own(function)).relative_to(schedule.CACHE_FOLDER.parent))
+
+    monkeypatch.setattr(compilation, "_file", there)
+    doing = compilation.Compilation([kernel], is_kept=False)
+    steps = [doing(0.0).steps]
     engine.compile_elsewhere(precompile._command(), {**precompile._environment(), "LOBE_CACHE_DIR": str(tmp_path)})
     elsewhere = sys.modules[f"{MODULE}.engine.elsewhere"]
     name = {"features": {"emitter_choice": 0}, "first_hits": False}
     try:
-        elsewhere.compiled(name, tmp_path, bool)
+        elsewhere.compiled(name, tmp_path, lambda: steps.append(doing(0.0).steps))
     finally:
         engine.compile_elsewhere(())
     (folder,) = (tmp_path / "kernels").iterdir()
     assert list(folder.glob("*.compiled")), "the process marks what it has compiled"
     assert list(folder.rglob("*.nbc")), "and leaves the code"
+    total = len(needed)
+    assert steps[0] == (0, total) and steps == sorted(steps) and len(set(steps)) > 3
+    assert doing(0.0).steps == (total - 1, total)
+    others = {path.name for path in folder.rglob("*.nbi")} - {Path(there(function)).name for function in needed}
+    assert [name.split("-")[0] for name in others] == ["embree.build_monitor.locals.goes_on"]

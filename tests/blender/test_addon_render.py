@@ -5,6 +5,7 @@ The tracing is replaced where the picture's content doesn't matter: these tests 
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 import threading
@@ -225,6 +226,28 @@ def test_metadata_in_the_file(simple_scene, fake, rendered, tmp_path) -> None:
     assert spec.get_string_attribute("lobe.road") == "compiled"
 
 
+# --- progress ---------------------------------------------------------------------------------------------------
+
+COMPILING = engine.Progress(0, 4, 9.0, None, "compiling: 3 of 4 functions, 1 s", lambda: None, (3, 4))
+
+
+def test_a_compilation_moves_the_bar_and_the_text(session) -> None:
+    told: list[tuple] = []
+    names = "update_memory_stats", "update_progress", "update_stats"
+    blender = SimpleNamespace(**{name: lambda *values, name=name, **_: told.append((name, *values)) for name in names})
+    session.Session._say(SimpleNamespace(engine=blender, layer="ViewLayer"), COMPILING)
+    assert told[1:] == [("update_progress", 0.75), ("update_stats", "", "Compiling: 3 of 4 functions, 1 s")]
+
+
+def test_a_new_phase_is_told_at_once_and_a_step_in_its_turn(session) -> None:
+    """Without a window each is a line on the console."""
+    building = dataclasses.replace(COMPILING, message="building", steps=None)
+    rendering = dataclasses.replace(building, message="rendering")
+    assert session._is_news(building, None) and session._is_news(rendering, COMPILING)
+    assert not session._is_news(rendering, rendering)
+    assert not session._is_news(COMPILING, building) and not session._is_news(COMPILING, None)
+
+
 # --- cancel -----------------------------------------------------------------------------------------------------
 
 
@@ -251,7 +274,7 @@ def test_cancel_does_not_wait_for_a_compilation(simple_scene, session, break_aft
     deaf, ended = threading.Event(), threading.Event()
 
     def render(scene, settings, *, progress=None, stop=None, prepared=None):
-        progress(engine.Progress(0, 4, 0.0, None, "compiling (first time only)", lambda: None))
+        progress(COMPILING)
         assert deaf.wait(60.0)  # as a compiler is
         assert stop()
         ended.set()

@@ -265,6 +265,13 @@ def texts(cls: type, context) -> str:
     return " ".join(layout.texts)
 
 
+def test_compiling_in_the_background_is_shown_while_it_lasts(classes, monkeypatch) -> None:
+    panel, precompile = find(classes, "LOBE_RENDER_PT_performance"), sys.modules[f"{MODULE}.addon.precompile"]
+    assert texts(panel, fake_context()) == ""
+    monkeypatch.setattr(precompile, "_said", "Compiling in the background: 4 of 11")
+    assert texts(panel, fake_context()) == "Compiling in the background: 4 of 11"
+
+
 def test_the_scene_report(classes) -> None:
     panel, skipped = (find(classes, f"LOBE_RENDER_PT_scene_report{which}") for which in ("", "_skipped"))
     report = sys.modules[f"{MODULE}.addon.scene_report"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bl_ext.user_default.lobe import engine
 from bl_ext.user_default.lobe.addon.export import export_scene
+from bl_ext.user_default.lobe.engine import memory
 
 from tests.blender.export_checks import add_camera, cycles_picture, depsgraph, node_tree
 
@@ -271,6 +272,37 @@ def test_a_file_that_is_no_image_is_magenta_and_named(content, problem, tmp_path
     scene = export_scene(depsgraph())
     assert scene.world.color == (1.0, 0.0, 1.0) and scene.world.image is None
     assert scene.warnings == [f"world 'World': image 'sky.png' {problem}, drawn magenta"]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "type_", "channels", "bytes_a_pixel"),
+    [("exr", "float", 4, 28), ("png", "uint8", 3, 15), ("", "", 4, 28)],
+)
+def test_an_image_that_finds_no_memory_is_not_read(suffix, type_, channels, bytes_a_pixel, tmp_path, monkeypatch):
+    """What is read and its colour, in float32, have to fit: from a file, and from Blender where there is none."""
+    import OpenImageIO as oiio
+
+    image = smooth_image(64, 32)
+    if suffix:
+        path = str(tmp_path / f"sky.{suffix}")
+        file = oiio.ImageOutput.create(path)
+        file.open(path, oiio.ImageSpec(64, 32, channels, type_))
+        file.write_image(np.ones((32, 64, channels), np.float32))
+        file.close()
+        image = bpy.data.images.load(path)
+    tree, background = new_world()
+    add_environment(tree, background, image)
+    add_camera()
+    need = float(bytes_a_pixel * 64 * 32)
+    monkeypatch.setattr(memory, "available", lambda: need)
+    assert export_scene(depsgraph()).world.image.shape == (32, 64, 3)
+    monkeypatch.setattr(memory, "available", lambda: need - 1)
+    with pytest.raises(engine.LobeError) as caught:
+        export_scene(depsgraph())
+    named = f"image {image.name!r} of 64 x 32 pixels"
+    assert str(caught.value) == (
+        f"not enough memory: rendering takes some 0.0 GB, 0.0 of it for {named}, and 0.0 GB can be had: {memory.ADVICE}"
+    )
 
 
 def test_environment_node_without_image():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -13,6 +14,9 @@ import engine
 from engine import memory
 from engine.errors import LobeError, SceneError
 from engine.film import Film
+from engine.kernels.light.environment import build_environment
+from engine.pack.geometry import pack_geometry
+from engine.pack.lights import pack_lights
 from engine.settings import Settings
 
 
@@ -78,8 +82,8 @@ def test_strips_are_the_whole_picture(shape):
 
 ROOM_FOR = 100_000  # bytes that there are in these tests
 LESS = (
-    "close other programs, use fewer triangles (lower levels of subdivision, instances instead of copies), or set a "
-    "lower resolution"
+    "close other programs, use fewer triangles (lower levels of subdivision, instances instead of copies) or smaller "
+    "images, or set a lower resolution"
 )
 
 
@@ -99,8 +103,9 @@ def grid(side: int, smooth: bool = False) -> engine.Mesh:
         (lambda scene: scene.add_instance(grid(60)), "7,202 triangles"),
         (lambda scene: [setattr(scene, side, 64) for side in ("width", "height")], "64 x 64 pixels"),
         (lambda scene: scattered(scene, 3000), "3,000 instances"),
+        (lambda scene: setattr(scene, "world", sky(256, 128)), "the environment image of 256 x 128 pixels"),
     ],
-    ids=["triangles", "pixels", "instances"],
+    ids=["triangles", "pixels", "instances", "environment"],
 )
 def test_too_little_memory_is_known_before_the_build(monkeypatch, make, largest):
     scene, built = scenes.plate(), []
@@ -121,6 +126,47 @@ def test_too_many_emissive_triangles_for_the_memory(monkeypatch):
     monkeypatch.setattr("engine.memory.available", lambda: 400_000.0)
     with pytest.raises(LobeError, match=r"of it for 1,80[0-9] emissive triangles, "):
         engine.render(scene, Settings(samples=1))
+
+
+def sky(width: int, height: int) -> engine.World:
+    return engine.World((1.0, 1.0, 1.0), np.ones((height, width, 3), np.float32))
+
+
+@pytest.mark.parametrize("size", [(512, 256), (700, 300), (1023, 64)])
+def test_the_tables_of_an_environment_image_are_foreseen(size):
+    """To the least that they and the first step of making them take."""
+    world = sky(*size)
+    tracemalloc.start()
+    try:
+        tables = build_environment(world.image)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    stay = sum(table.nbytes for table in tables) - world.image.nbytes
+    (foreseen,) = memory.need_of_environment(world, memory.OF_TEXEL).values()
+    assert foreseen <= stay < 1.3 * foreseen
+    (foreseen,) = memory.need_of_environment(world, memory.OF_NEW_TEXEL).values()
+    assert foreseen <= most < 1.5 * foreseen
+
+
+def test_making_the_tables_of_an_environment_image_needs_room(monkeypatch):
+    """Also where the surfaces are there already, as in a viewport and in an animation."""
+    scene = scenes.plate()
+    scene.world = sky(64, 32)
+    geometry, need = pack_geometry(scene), memory.OF_NEW_TEXEL * 64 * 32
+    monkeypatch.setattr("engine.memory.available", lambda: float(need))
+    environment = pack_lights(scene, geometry).environment
+    monkeypatch.setattr("engine.memory.available", lambda: need - 1.0)
+    with pytest.raises(LobeError, match=" of it for the environment image of 64 x 32 pixels, "):
+        pack_lights(scene, geometry)
+    pack_lights(scene, geometry, environment)  # the same image
+
+
+def test_an_image_that_does_not_shine_takes_no_tables():
+    scene = scenes.plate()
+    without = memory.need_of(scene, scene.meshes, 0)
+    scene.world = engine.World((0.0, 0.0, 0.0), sky(64, 32).image)
+    assert memory.need_of(scene, scene.meshes, 0) == without
 
 
 def scattered(scene: engine.Scene, count: int) -> None:
@@ -287,3 +333,68 @@ def test_a_container_swaps_as_much_as_it_may_and_as_there_is(tmp_path, monkeypat
     (tmp_path / "memory.swap.current").write_text(used)
     assert memory._control_group(tmp_path) == 2e6 + there
     assert memory._linux() == 1024 * 108000
+
+
+def new_group(folder, most: int, used: int) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "memory.max").write_text(f"{most}\n")
+    (folder / "memory.current").write_text(f"{used}\n")
+
+
+@pytest.mark.parametrize(
+    ("own", "there"),
+    [
+        ("0::/user.slice/blender.scope\n", 1e6),
+        ("0::/user.slice/other.scope\n", 2e6),
+        ("0::/system.slice\n", 4e6),
+        ("0::/\n", 4e6),
+        ("0::/docker/0123\n", 4e6),  # not to be seen from within the container, whose own group is where the root is
+        ("0::/../outside\n", 4e6),
+        ("12:cpu,cpuacct:/user.slice\n0::/user.slice\n", 2e6),
+        ("odd\n", np.inf),
+    ],
+)
+def test_the_tightest_group_counts_that_the_process_is_in(tmp_path, monkeypatch, own, there):
+    root = tmp_path / "cgroup"
+    new_group(root, 5_000_000, 1_000_000)
+    new_group(root / "user.slice", 3_000_000, 1_000_000)
+    new_group(root / "user.slice" / "blender.scope", 1_500_000, 500_000)
+    new_group(root / "user.slice" / "other.scope", 90_000_000, 0)
+    (tmp_path / "own").write_text(own)
+    assert memory._control_groups(tmp_path / "own", root) == there
+    assert memory._control_groups(tmp_path / "none", root) == np.inf
+
+
+def test_what_groups_leave_is_what_there_is(tmp_path, monkeypatch):
+    new_group(tmp_path / "a", 3_000_000, 1_000_000)
+    (tmp_path / "own").write_text("0::/a\n")
+    monkeypatch.setattr(memory, "CONTROL_GROUPS", tmp_path)
+    monkeypatch.setattr(memory, "OWN_GROUPS", tmp_path / "own")
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert memory.available() == 2e6
+
+
+def test_groups_of_version_1(tmp_path, monkeypatch):
+    """The limit with swap space is one for both together; without it there is as much swap space as the system has."""
+    (tmp_path / "meminfo").write_text("SwapFree: 2000 kB\n")
+    monkeypatch.setattr(memory, "MEMORY", tmp_path / "meminfo")
+    (tmp_path / "own").write_text("9:name=systemd:/\n4:memory:/jobs/7\n0::/\n")
+    folder = tmp_path / "memory" / "jobs" / "7"
+    folder.mkdir(parents=True)
+
+    def left(folder=folder, **numbers: int) -> float:
+        for name, number in numbers.items():
+            (folder / f"memory.{name}_in_bytes").write_text(f"{number}\n")
+        return memory._control_groups(tmp_path / "own", tmp_path)
+
+    assert left() == np.inf
+    assert left(limit=5_000_000, usage=3_000_000) == 2e6 + 2_048_000
+    assert left(**{"memsw.limit": 6_000_000, "memsw.usage": 3_500_000}) == 2.5e6
+    (folder / "memory.stat").write_text("active_file 1\ntotal_active_file 300000\ntotal_inactive_file 200000\n")
+    assert left() == 3e6
+    (folder / "memory.stat").write_text("total_active_file 300000\ntotal_mapped_file 900000\n")
+    assert left() == 2.5e6
+    assert left(folder.parent, limit=1_000_000, usage=900_000) == 1e5 + 2_048_000
+    unlimited = {"limit": 9223372036854771712, "usage": 1, "memsw.limit": 9223372036854771712, "memsw.usage": 1}
+    assert left(folder, **unlimited) == 1e5 + 2_048_000
+    assert left(folder.parent, **unlimited) > 1e18

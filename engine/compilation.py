@@ -1,0 +1,67 @@
+"""How far a compilation is: which functions kernels are made of, and which of them are in the cache on the disk.
+
+Numba compiles every function that a kernel calls, one after the other, and keeps each in files of its own; the kernel
+itself, into which all of them are inlined, comes last. So the files tell how far it is, whichever process compiles.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from numba.core.dispatcher import Dispatcher
+
+from .result import Doing
+
+PREPARING = Doing("preparing")
+ONCE = "(once for each kind of scene)"
+ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
+
+
+class Compilation:
+    """What to say while these kernels are compiled, in this process or in another, or loaded if they are kept."""
+
+    def __init__(self, kernels: Sequence[Dispatcher], is_kept: bool):
+        if is_kept or all(kernel.signatures for kernel in kernels):  # the second: here, where nothing can be kept
+            kernels = ()
+        functions = functions_of(kernels)
+        self._total = len(functions)
+        # A kernel's own file may be that of other features: it counts when all is over.
+        self._kernels = len(kernels)
+        self._left = [_file(function) for function in functions.difference(kernels)]
+
+    def __call__(self, seconds: float) -> Doing:
+        """After so many seconds."""
+        if not self._total:
+            return loading(seconds)
+        self._left = [path for path in self._left if not os.path.exists(path)]
+        done = self._total - self._kernels - len(self._left)
+        return Doing(f"compiling: {done} of {self._total} functions, {seconds:.0f} s {ONCE}", (done, self._total))
+
+
+def functions_of(kernels: Iterable[Dispatcher]) -> set[Dispatcher]:
+    """The compiled functions that they are made of, themselves among them, by the names that each uses. Numba compiles
+    all of these: features are constants to LLVM alone, which drops what they exclude."""
+    found: set[Dispatcher] = set()
+    new = list(kernels)
+    while new:
+        function = new.pop()
+        if function not in found:
+            found.add(function)
+            names = inspect.getclosurevars(function.py_func)
+            values = (*names.nonlocals.values(), *names.globals.values())
+            new += [value for value in values if isinstance(value, Dispatcher)]
+    return found
+
+
+def _file(function: Any) -> str:
+    """What Numba writes when it has compiled the function."""
+    return function._cache._cache_file._index_path
+
+
+def loading(seconds: float) -> Doing:
+    """What to say of what is kept, but perhaps for another processor, and of functions for C to call, of which Numba
+    doesn't tell whether they are."""
+    return Doing(f"loading or compiling, {seconds:.0f} s") if seconds > ANNOUNCE_SECONDS else PREPARING

@@ -1,0 +1,162 @@
+"""What is said while kernels are compiled: which functions they need, and how many of them are there."""
+
+from __future__ import annotations
+
+import threading
+from functools import cache
+from pathlib import Path
+
+import numba
+import pytest
+import scenes
+
+from engine import Interactive, Progress, Settings, compilation, render, schedule
+from engine.compilation import ONCE, PREPARING, Compilation, functions_of
+from engine.kernels.tile import make_tile_kernel
+from engine.pack import pack
+from engine.result import Doing
+
+PATIENCE = 120.0  # seconds: the first test of a fresh checkout compiles
+
+
+@numba.njit
+def third(x):
+    return x + 1
+
+
+@numba.njit
+def second(x):
+    return third(x) if x < 3 else first(x - 1)
+
+
+@numba.njit
+def first(x):
+    return second(x)
+
+
+@numba.njit
+def unused(x):
+    return x
+
+
+def make_kernel(function):
+    @numba.njit
+    def kernel(x):
+        return function(x) + third(x)
+
+    return kernel
+
+
+def test_functions_are_found_through_globals_and_closures():
+    """Also where they call each other in a circle."""
+    kernel, alone = make_kernel(first), make_kernel(unused)
+    assert functions_of([kernel]) == {kernel, first, second, third}
+    assert functions_of([kernel, alone]) == {kernel, alone, first, second, third, unused}
+    assert functions_of([]) == set()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch) -> Path:
+    """Where a file named as a function says that it is compiled."""
+    monkeypatch.setattr(compilation, "_file", lambda function: str(tmp_path / function.py_func.__name__))
+    return tmp_path
+
+
+def test_steps_are_the_functions_that_are_there(folder):
+    (folder / "third").touch()
+    doing = Compilation([make_kernel(first)], is_kept=False)
+    assert doing(0.0) == Doing(f"compiling: 1 of 4 functions, 0 s {ONCE}", (1, 4))
+    (folder / "second").touch()
+    assert doing(12.3) == Doing(f"compiling: 2 of 4 functions, 12 s {ONCE}", (2, 4))
+    (folder / "first").touch()
+    (folder / "kernel").touch()  # of other features, as far as one can see
+    assert doing(75.0) == Doing(f"compiling: 3 of 4 functions, 75 s {ONCE}", (3, 4))
+
+
+def test_what_is_kept_or_here_is_not_compiled(folder):
+    kernel = make_kernel(unused)
+    assert Compilation([kernel], is_kept=True)(1.0) == PREPARING
+    assert Compilation([kernel], is_kept=True)(99.0) == Doing("loading or compiling, 99 s")  # of another processor
+    assert Compilation([kernel], is_kept=False)(1.0).steps == (0, 3)
+    kernel(1)
+    assert Compilation([kernel], is_kept=False)(1.0) == PREPARING
+    assert Compilation([kernel, make_kernel(unused)], is_kept=False)(1.0).steps == (0, 4)
+
+
+@pytest.fixture
+def slow(tmp_path: Path, monkeypatch) -> threading.Event:
+    """No kernel is kept or loaded, and it takes until this is set to have one."""
+    told, load = threading.Event(), schedule.load_kernel
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(schedule, "tile_kernel", cache(make_tile_kernel))
+
+    def slowly(*arguments) -> None:
+        assert told.wait(PATIENCE)
+        load(*arguments)
+
+    monkeypatch.setattr(schedule, "load_kernel", slowly)
+    return told
+
+
+def test_a_render_tells_how_far_its_compilation_is(slow):
+    seen: list[Progress] = []
+
+    def progress(state: Progress) -> None:
+        seen.append(state)
+        if state.steps is not None:
+            slow.set()
+
+    render(scenes.plate(), Settings(samples=2), progress=progress)
+    compiling = [state for state in seen if state.steps is not None]
+    total = len(functions_of([schedule.tile_kernel(pack(scenes.plate(), Settings()).features)]))
+    for state in compiling:
+        done, of = state.steps
+        assert 0 <= done < of == total and state.fraction == done / of
+        assert state.message.startswith(f"compiling: {done} of {of} functions, ") and not state.is_tracing
+    assert compiling and seen[-1].is_tracing and seen[-1].steps is None and seen[-1].fraction == 0.5 * seen[-1].samples
+
+
+def test_once_it_is_kept_nothing_is_compiled(slow):
+    slow.set()
+    packed = pack(scenes.plate(), Settings())
+    assert schedule.compiling(packed)(1.0).steps is not None
+    schedule.load_kernel(packed, Settings())
+    schedule.tile_kernel.cache_clear()  # as in another process
+    assert schedule.compiling(packed)(1.0) == PREPARING
+
+
+def test_a_pass_counts_the_functions_of_both_kernels(slow):
+    alone, both = (schedule.compiling(pack(scenes.plate(), Settings(passes=names))) for names in ((), ("DEPTH",)))
+    assert both(0.0).steps[1] > alone(0.0).steps[1]
+
+
+def test_a_viewport_says_how_far_its_compilation_is(slow):
+    said: list[str] = []
+    finished = threading.Event()
+
+    def changed() -> None:
+        said.append(interactive.message)
+        if interactive.message.startswith("compiling: "):
+            slow.set()
+        if interactive.picture is not None or interactive.error is not None:
+            finished.set()
+
+    interactive = Interactive(changed)
+    try:
+        interactive.show(scenes.plate(), Settings(samples=1))
+        assert finished.wait(PATIENCE) and interactive.error is None
+    finally:
+        assert interactive.close(PATIENCE)
+    assert any(text.endswith(ONCE) and " functions, " in text for text in said) and interactive.message == ""
+
+
+def test_common_kernels_are_counted(monkeypatch):
+    """As the process in the background does, which Blender listens to."""
+    done: list[tuple[int, int]] = []
+    loaded: list[int] = []
+    monkeypatch.setattr(schedule, "load_kernel", lambda packed, settings: loaded.append(len(done)))
+    monkeypatch.setattr(schedule, "precompile_one", lambda name: loaded.append(len(done)))
+    schedule.precompile_common(lambda *counts: done.append(counts))
+    total = len(done)
+    assert done == [(number, total) for number in range(total)]
+    assert loaded == [*range(1, total + 1), total]
