@@ -8,7 +8,7 @@ from collections.abc import Callable
 import bpy
 
 from ...engine import Mist, Scene
-from ..passes import KINDS, wanted_passes
+from ..passes import wanted_passes
 from .camera import border, export_camera, resolution
 from .faults import naming
 from .instances import Placement
@@ -17,8 +17,6 @@ from .notes import Notes
 from .settings import film_exposure
 from .unsupported import note_cycles_scene, note_view_layer
 
-# What is no pass but the picture itself, and a setting of one.
-NO_WISH = {"use_pass_combined", "use_pass_cryptomatte_accurate"}
 # Exponents of Blender's mist, see Cycles' blender/sync.cpp.
 MIST_FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
 
@@ -56,7 +54,6 @@ def export_scene(
     note_working_space(notes)
     note_scene(render, notes)
     note_cycles_scene(scene, notes)
-    note_passes(view_layer, notes)
     note_view_layer(view_layer, notes)
     exported = Scene(
         camera=camera,
@@ -110,18 +107,3 @@ def note_scene(render, notes: Notes) -> None:
         notes.warn_scene("stereo rendering is not supported, every view is the centre one")
     if render.use_freestyle:
         notes.warn_scene("Freestyle lines are not supported and left out")
-
-
-def note_passes(view_layer, notes: Notes) -> None:
-    """Names the passes that are ticked and stay away."""
-    made = {kind.box for kind in KINDS.values()}
-    ticked = [
-        prop.name
-        for prop in view_layer.bl_rna.properties
-        if prop.identifier.startswith("use_pass_")
-        and prop.identifier not in NO_WISH
-        and prop.identifier not in made
-        and getattr(view_layer, prop.identifier)
-    ]
-    if ticked:
-        notes.warn("view layer", view_layer.name, f"these passes are not supported: {', '.join(ticked)}")

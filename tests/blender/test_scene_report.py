@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import addon_utils
 import bpy
@@ -189,9 +190,9 @@ NAMED = {
     "transparent glass": (None, "Transparent Glass is not supported", "WARNING"),
     "camera culling": (None, "culling by the camera", "WARNING"),
     "panorama": (put(lambda: bpy.data.cameras["Camera"], type="PANO"), "type pano is not supported", "WARNING"),
-    "passes": (put(layer, use_pass_vector=True), "these passes are not supported: Vector", "WARNING"),
+    "passes": (put(layer, use_pass_vector=True), "these passes are not made: Vector;", "WARNING"),
     "Cycles' passes": (
-        cycles(layer, denoising_store_passes=True), "these passes of another engine are not made", "WARNING"),
+        cycles(layer, denoising_store_passes=True), "not made: Store Denoising Passes (Cycles);", "WARNING"),
     "AOVs": (lambda: setattr(layer().aovs.add(), "name", "Dirt"), "shader AOVs are not supported and left out: Dirt",
              "WARNING"),
     "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
@@ -372,6 +373,23 @@ def test_what_is_not_drawn_as_asked_is_named(scene, checked, case) -> None:
     make()
     found = texts(checked(), level)
     assert any(expected in text for text in found), found
+
+
+@pytest.mark.parametrize("case", ["passes", "Cycles' passes"])
+def test_passes_that_are_not_made_can_be_unticked(scene, part, checked, case) -> None:
+    """In Lobe's own panel, which shows them for as long as they are ticked."""
+    panel = part("ui.passes_panels").LOBE_VIEWLAYER_PT_passes_not_made
+    context = SimpleNamespace(engine="LOBE", view_layer=layer())
+    assert not panel.poll(context)
+    NAMED[case][0]()
+    assert panel.poll(context) and checked()
+    ticked = []
+    column = SimpleNamespace(prop=lambda owner, key, text: ticked.append((owner, key)))
+    column.column = lambda **_: column
+    panel.draw(SimpleNamespace(column=lambda: column), context)
+    for owner, key in ticked:
+        setattr(owner, key, False)
+    assert not panel.poll(context) and checked() == []
 
 
 @pytest.mark.parametrize(
