@@ -8,13 +8,14 @@ from collections.abc import Callable
 import bpy
 
 from ...engine import Mist, Scene
+from ..denoise import MISSING, is_missing
 from ..passes import wanted_passes
 from .camera import border, export_camera, resolution
 from .faults import naming
 from .instances import Placement
 from .kept import Kept
 from .notes import Notes
-from .settings import film_exposure
+from .settings import film_exposure, property_group
 from .unsupported import note_cycles_scene, note_view_layer
 
 # Exponents of Blender's mist, see Cycles' blender/sync.cpp.
@@ -53,6 +54,7 @@ def export_scene(
     note_libraries(notes)
     note_working_space(notes)
     note_scene(render, notes)
+    note_denoising(scene, notes)
     note_cycles_scene(scene, notes)
     note_view_layer(view_layer, notes)
     exported = Scene(
@@ -107,3 +109,8 @@ def note_scene(render, notes: Notes) -> None:
         notes.warn_scene("stereo rendering is not supported, every view is the centre one")
     if render.use_freestyle:
         notes.warn_scene("Freestyle lines are not supported and left out")
+
+
+def note_denoising(scene, notes: Notes) -> None:
+    if getattr(property_group(scene, "lobe"), "use_denoising", False) and is_missing():
+        notes.warn_scene(MISSING)

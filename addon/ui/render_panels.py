@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..denoise import MISSING, is_missing
 from .panel import LobePanel
 from .presets import (
     LOBE_PT_light_paths_presets,
@@ -60,13 +61,16 @@ class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
 class LOBE_RENDER_PT_sampling_render_denoise(_Panel, bpy.types.Panel):
     bl_label = "Denoise"
     bl_parent_id = "LOBE_RENDER_PT_sampling_render"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context):
+        self.layout.active = not is_missing()
         self.layout.prop(context.scene.lobe, "use_denoising", text="")
 
     def draw(self, context):
-        draw_text(self.layout, context, "With OpenImageDenoise, at the end of the render")
+        if is_missing():
+            draw_text(self.layout, context, MISSING, "ERROR")
+        else:
+            draw_text(self.layout, context, "With OpenImageDenoise, at the end of the render")
 
 
 class LOBE_RENDER_PT_sampling_advanced(_Panel, bpy.types.Panel):
