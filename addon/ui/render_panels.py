@@ -6,12 +6,7 @@ import bpy
 
 from ..denoise import MISSING, is_missing
 from .panel import LobePanel
-from .presets import (
-    LOBE_PT_light_paths_presets,
-    LOBE_PT_performance_presets,
-    LOBE_PT_sampling_presets,
-    LOBE_PT_viewport_sampling_presets,
-)
+from .presets import draw_presets
 from .text import draw_text
 
 
@@ -31,7 +26,7 @@ class LOBE_RENDER_PT_sampling_viewport(_Panel, bpy.types.Panel):
     bl_parent_id = "LOBE_RENDER_PT_sampling"
 
     def draw_header_preset(self, context):
-        LOBE_PT_viewport_sampling_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "viewport_sampling")
 
     def draw(self, context):
         self.column().prop(context.scene.lobe, "viewport_samples", text="Samples")
@@ -42,7 +37,7 @@ class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
     bl_parent_id = "LOBE_RENDER_PT_sampling"
 
     def draw_header_preset(self, context):
-        LOBE_PT_sampling_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "sampling")
 
     def draw(self, context):
         lobe = context.scene.lobe
@@ -91,7 +86,7 @@ class LOBE_RENDER_PT_light_paths(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, context):
-        LOBE_PT_light_paths_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "light_paths")
 
     def draw(self, context):
         pass
@@ -188,7 +183,7 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, context):
-        LOBE_PT_performance_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "performance")
 
     def draw(self, context):
         render = context.scene.render
