@@ -188,12 +188,20 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
     def draw(self, context):
         render = context.scene.render
         column = self.column()
-        column.prop(context.scene.lobe, "road")
         column.prop(render, "threads_mode")
         sub = column.column()
         sub.enabled = render.threads_mode == "FIXED"
         sub.prop(render, "threads")
         column.prop(render, "use_persistent_data", text="Persistent Data")
+
+
+class LOBE_RENDER_PT_performance_debug(_Panel, bpy.types.Panel):
+    bl_label = "Debug"
+    bl_parent_id = "LOBE_RENDER_PT_performance"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        self.column().prop(context.scene.lobe, "road")
 
 
 CLASSES = (
@@ -211,4 +219,5 @@ CLASSES = (
     LOBE_RENDER_PT_film,
     LOBE_RENDER_PT_film_pixel_filter,
     LOBE_RENDER_PT_performance,
+    LOBE_RENDER_PT_performance_debug,
 )

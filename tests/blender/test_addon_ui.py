@@ -178,7 +178,7 @@ TOLD = {
     "lobe_selection": ("", "the noise is not.*less noise"),
     "pixel_filter": ("", "costs no time"),
     "filter_width": ("in pixels", "costs no time"),
-    "road": ("", "some hundred times slower"),
+    "road": ("leave it at compiled", "some hundred times slower"),
     "denoising_data": ("", "the time of one more ray for each sample"),
     "pass_sample_count": ("how many samples", "takes no time"),
     "kd": ("0 to 1", "costs no time"),
