@@ -44,7 +44,7 @@ def cycles_settings(datablock) -> Any:
 def note_object(object_, notes: Notes) -> None:
     """Of a mesh or lamp object, or of what instances it. Called for each of maybe many thousand: a microsecond."""
     if not object_.visible_transmission:
-        what = "hiding it from transmission rays is not supported: glass is drawn as transparent and shows it"
+        what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
         notes.warn("object", object_.name, what)
     if not object_.visible_volume_scatter:
         notes.skip("object", object_.name, "it is hidden from volume scatter, which is not drawn")
@@ -88,7 +88,7 @@ def note_world(world, notes: Notes) -> None:
         notes.warn("world", world.name, CAUSTICS)
     visibility = getattr(world, "cycles_visibility", None)
     if not getattr(visibility, "transmission", True):
-        what = "hiding it from transmission rays is not supported: glass is drawn as transparent and shows it"
+        what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
         notes.warn("world", world.name, what)
     if not getattr(visibility, "scatter", True):
         notes.skip("world", world.name, "it is hidden from volume scatter, which is not drawn")
@@ -148,7 +148,7 @@ def note_cycles_scene(scene, notes: Notes) -> None:
         notes.warn_scene("Cycles' Fast Global Illumination is not supported: all bounces are traced")
     if scene.render.film_transparent and cycles.film_transparent_glass:
         notes.warn_scene(
-            "Cycles' Transparent Glass is not supported: glass is drawn as transparent, with alpha to match"
+            "Cycles' Transparent Glass is not supported: glass is drawn as a clear pane, with alpha to match"
         )
     if scene.render.use_simplify and (cycles.use_camera_cull or cycles.use_distance_cull):
         notes.warn_scene("culling by the camera or by distance (Simplify) is not supported: every object is drawn")

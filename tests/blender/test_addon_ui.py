@@ -24,8 +24,8 @@ class Layout:
 
     def __init__(self) -> None:
         self.shown: list[tuple[str, str]] = []
-
         self.texts: list[str] = []
+        self.icons: list[str] = []
 
     def column(self, **_) -> Layout:
         return self
@@ -34,8 +34,9 @@ class Layout:
 
     def separator(self) -> None: ...
 
-    def label(self, text: str = "", **_) -> None:
+    def label(self, text: str = "", icon: str = "NONE", **_) -> None:
         self.texts.append(text)
+        self.icons.append(icon)
 
     def operator(self, name: str, **_) -> SimpleNamespace:
         group, _, rest = name.partition(".")
@@ -292,12 +293,25 @@ def test_the_scene_report(classes) -> None:
     for number in range(3):
         notes.warn("material", f"M{number}", "bump is not drawn")
     notes.warn("world", "World", "volumes are not drawn")
+    notes.approximate("object", "Bare", "it has no material")
     notes.skip("object", "Empty", "it has no faces")
     report.keep(report.key(context.scene), "render", notes.all)
     shown = texts(panel, context)
     assert shown.startswith("2 ") and "as of the last render" in shown
     assert shown.count("Bump is not drawn") == 1 and "World: volumes are not drawn" in shown
+    assert shown.index("Drawn nearly as asked") < shown.index("It has no material")
     assert "no faces" not in shown and skipped.poll(context) and "It has no faces" in texts(skipped, context)
+
+
+@pytest.mark.parametrize(
+    ("level", "number", "icon"), [("WARNING", "1", "ERROR"), ("APPROXIMATED", "", "INFO"), ("SKIPPED", "", "CHECKMARK")]
+)
+def test_only_what_is_drawn_wrongly_is_counted_in_the_header(classes, level: str, number: str, icon: str) -> None:
+    report = sys.modules[f"{MODULE}.addon.scene_report"]
+    layout, context = Layout(), fake_context()
+    report.keep(report.key(context.scene), "check", [report.Note(level, "object", "Cube", "is odd")])
+    find(classes, "LOBE_RENDER_PT_scene_report").draw_header_preset(SimpleNamespace(layout=layout), context)
+    assert (layout.texts, layout.icons) == ([number], [icon])
 
 
 @pytest.fixture
@@ -312,7 +326,7 @@ def test_what_lobe_understood_of_a_material(classes, glossy) -> None:
     panel = find(classes, "LOBE_MATERIAL_PT_understood")
     assert panel.poll(context)
     assert "Phong ks 0.5  0.4  0.3 Exponent 30 " in texts(panel, context)
-    assert "darkens towards the rim" in texts(panel, context)
+    assert "get darker where they turn away" in texts(panel, context)
     node.inputs["Color"].default_value = (0.25, 0.25, 0.25, 1)
     bpy.context.view_layer.update()
     assert "Phong ks 0.25 Exponent" in texts(panel, context)
