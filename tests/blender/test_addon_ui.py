@@ -473,6 +473,78 @@ def test_use_phong_keeps_what_is_drawn(classes) -> None:
     assert after.exponent == pytest.approx(before.exponent)
 
 
+def test_use_phong_has_nothing_to_do_a_second_time(classes) -> None:
+    """Nor beside what else the first time made; and what is no Phong surface says that it was replaced."""
+    material, node = new_material("M", "ShaderNodeBsdfGlass")
+    node.label, tree = "Mine", material.node_tree
+    with bpy.context.temp_override(material=material):
+        assert bpy.ops.lobe.use_phong() == {"FINISHED"}
+        number = len(tree.nodes)
+        assert not bpy.ops.lobe.use_phong.poll()
+        with pytest.raises(RuntimeError, match="is a Phong BSDF already"):
+            bpy.ops.lobe.use_phong()
+    assert len(tree.nodes) == number
+    panel = find(classes, "LOBE_MATERIAL_PT_phong")
+    assert draw(panel, fake_context(material=material)) == []
+    assert "Gives back up to" in texts(panel, fake_context(material=material))
+    tree.links.new(node.outputs[0], next(n for n in tree.nodes if n.bl_idname == "ShaderNodeAddShader").inputs[0])
+    assert draw(panel, fake_context(material=material)) == [("operator", "lobe.use_phong")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost"),
+    [
+        ("ShaderNodeBsdfGlass", "Glass BSDF is not supported, drawn as a clear pane"),
+        ("ShaderNodeSubsurfaceScattering", "Subsurface Scattering is not supported, drawn as an opaque"),
+        ("ShaderNodeBsdfDiffuse", ""),
+        ("ShaderNodeBsdfAnisotropic", ""),
+        ("ShaderNodeBsdfPrincipled", ""),
+    ],
+)
+def test_use_phong_says_what_it_replaces(capfd, kind: str, lost: str) -> None:
+    """And nothing of what is still left out afterwards."""
+    material, _ = new_material("M", kind)
+    tree = material.node_tree
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(tree.nodes.new("ShaderNodeVolumeScatter").outputs[0], output.inputs["Volume"])
+    with bpy.context.temp_override(material=material):
+        bpy.ops.lobe.use_phong()
+    lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("Warning")]
+    assert len(lines) == bool(lost)
+    assert all("(Undo brings it back)" in line and lost in line and "volumes" not in line for line in lines)
+
+
+def test_undo_takes_use_phong_back() -> None:
+    material, _ = new_material("M", "ShaderNodeBsdfGlass")
+    material.use_fake_user = True
+    names = {node.name for node in material.node_tree.nodes}
+    bpy.ops.ed.undo_push(message="before")
+    with bpy.context.temp_override(material=material):
+        bpy.ops.lobe.use_phong("EXEC_DEFAULT", True)
+    assert len(material.node_tree.nodes) > len(names)
+    bpy.ops.ed.undo()
+    tree = bpy.data.materials["M"].node_tree
+    assert {node.name for node in tree.nodes} == names
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    assert output.inputs["Surface"].links[0].from_node.bl_idname == "ShaderNodeBsdfGlass"
+
+
+def test_a_hole_stays_one() -> None:
+    material, _ = new_material("M", "ShaderNodeHoldout")
+    number = len(material.node_tree.nodes)
+    with bpy.context.temp_override(material=material), pytest.raises(RuntimeError, match="hole in the picture"):
+        bpy.ops.lobe.use_phong()
+    assert len(material.node_tree.nodes) == number
+
+
+def test_what_matters_to_a_material_comes_first(classes) -> None:
+    material, _ = new_material("M", "ShaderNodeBsdfPrincipled", Transmission_Weight=0.5, Diffuse_Roughness=0.5)
+    shown = texts(find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material))
+    assert (
+        shown.index("Transmission is not") < shown.index("Diffuse roughness is not") < shown.index("Principled BSDF's")
+    )
+
+
 def test_phong_quick_settings(classes, glossy) -> None:
     material, _ = glossy
     context = fake_context(material=material)
