@@ -158,10 +158,15 @@ the scene does: a moment, some seconds for millions of faces"""
             self.report({"INFO"}, "Lobe: the check was stopped")
             return {"CANCELLED"}
         report = scene_report.keep(scene_report.key(context.scene), "check", notes)
-        number = len(report.of_level(ERROR, WARNING))
-        said = f"{number} things are not drawn as asked" if number > 1 else "one thing is not drawn as asked"
-        self.report({"INFO"}, f"Lobe: {said if number else scene_report.HONOURED.lower()}, see Scene Report")
+        self.report({"INFO"}, f"Lobe: {_said(report)}, see Scene Report")
         return {"FINISHED"}
+
+
+def _said(report: scene_report.Report) -> str:
+    number = len(report.of_level(ERROR, WARNING))
+    if number:
+        return f"{number} things are not drawn as asked" if number > 1 else "one thing is not drawn as asked"
+    return "all is drawn as asked" + ("" if scene_report.is_honoured(report) else ", or nearly so")
 
 
 def register() -> None:

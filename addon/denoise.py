@@ -1,8 +1,8 @@
 """Denoising of a finished picture with the OpenImageDenoise library that Blender brings for Cycles and its compositor.
 
 It is called through its C interface (version 2, https://www.openimagedenoise.org/documentation.html): Blender has no
-Python module for it, and where the library lies isn't documented. So whatever goes wrong is a DenoiseError, for the
-user to read, and the picture stays as it is.
+Python module for it, and where the library lies isn't documented. So `is_missing` is asked before, and whatever else
+goes wrong is a DenoiseError, for the user to read: the picture stays as it is.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import engine as lobe
 
+MISSING = "Blender's OpenImageDenoise library can't be found or used here: the picture is rendered without denoising"
 BYTES_A_PIXEL = 550  # that the library takes, measured at 1920 x 1080 with both guides
 DEVICE_CPU = 1
 FORMAT_FLOAT3 = 3
@@ -56,6 +57,18 @@ class DenoiseError(Exception):
 
 class DenoiseStopped(Exception):
     """`stop` has said so."""
+
+
+@functools.cache
+def is_missing() -> bool:
+    """Whether no picture can be denoised, for want of the library. Tried once in a session; the console has the
+    details."""
+    try:
+        _library()
+    except DenoiseError as error:
+        print(f"Lobe: {error}")
+        return True
+    return False
 
 
 def denoise(

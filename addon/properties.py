@@ -161,7 +161,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     road: EnumProperty(
         name="Implementation",
-        description="Which of Lobe's two implementations renders. One is slow",
+        description="Leave it at Compiled. The other one is a second way to calculate the same picture, far slower, "
+        "to check the first one with",
         **_items("road"),
     )
 

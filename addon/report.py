@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from ..engine import Result, Scene
 from . import scene_report
+from .export.notes import APPROXIMATED, WARNING, grouped
 from .memory import current_and_peak_mb
+from .scene_report import note_from_sentence
 
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
 last_report: dict = {}
@@ -69,31 +71,22 @@ def nothing_to_see(scene: Scene) -> list[str]:
 
 
 def publish(report: dict, engine) -> None:
-    """Show the report to the user, and keep it."""
-    fill_scene_report(report, report.pop("scene_key"), report.pop("notes"))
+    """Show the report to the user, and keep it. Some of the warnings are of the export, some of the engine."""
+    scene_key, exported = report.pop("scene_key"), report.pop("notes")
+    known = {note.sentence: note for note in exported}
+    warnings = [known.get(text) or note_from_sentence(WARNING, text) for text in report["warnings"]]
+    if scene_key is not None:
+        scene_report.keep(scene_key, "render", dict.fromkeys([*warnings, *exported]))
     last_report.clear()
     last_report.update(report)
-    notes = (scene_report.note_from_sentence(scene_report.WARNING, warning) for warning in report["warnings"])
-    for group in scene_report.grouped(notes):
-        engine.report({"WARNING"}, f"Lobe: {scene_report.sentence(group)}")
+    for group in grouped(warnings):
+        kind = "INFO" if group.level == APPROXIMATED else "WARNING"
+        engine.report({kind}, f"Lobe: {scene_report.sentence(group)}")
     if report["rejected"]:  # how many is one of the warnings
         engine.report({"WARNING"}, f"Lobe: {REJECTED}")
     if report["not_exported"]:
         engine.report({"INFO"}, "Lobe left out: " + ", ".join(report["not_exported"]))
     engine.report({"INFO"}, summary(report))  # last, where the status bar shows it
-
-
-def fill_scene_report(report: dict, scene_key: int | None, notes: list[scene_report.Note]) -> None:
-    """With the notes of the export, and with what the engine had to add to them."""
-    if scene_key is None:  # of a preview
-        return
-    exported = {note.sentence for note in notes}
-    added = [
-        scene_report.note_from_sentence(scene_report.WARNING, warning)
-        for warning in report["warnings"]
-        if warning not in exported
-    ]
-    scene_report.keep(scene_key, "render", added + notes)
 
 
 def summary(report: dict) -> str:

@@ -13,14 +13,16 @@ from typing import NamedTuple
 
 import bpy
 
-from .export.notes import ERROR, KINDS, QUOTED, SKIPPED, WARNING, Group, Note, grouped
+from .export.notes import APPROXIMATED, ERROR, KINDS, QUOTED, SKIPPED, WARNING, Group, Note, grouped
 
 HONOURED = "Lobe draws everything in this scene as asked"
 HEADINGS = {
     ERROR: "Cannot be rendered",
     WARNING: "Not drawn as asked",
+    APPROXIMATED: "Drawn nearly as asked",
     SKIPPED: "Left out, which changes nothing",
 }
+NOT_HONOURED = (ERROR, WARNING, APPROXIMATED)
 NAMES_A_LINE = 8  # of the command line
 REDRAW_INTERVAL = 0.5  # seconds
 
@@ -68,7 +70,7 @@ def note_from_sentence(level: str, sentence: str) -> Note:
 
 def is_honoured(report: Report) -> bool:
     """Whether everything is drawn as asked."""
-    return not report.of_level(ERROR, WARNING)
+    return not report.of_level(*NOT_HONOURED)
 
 
 def lines(report: Report, names_a_line: int | None = NAMES_A_LINE) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import engine as lobe
 from . import scene_report
-from .denoise import DenoiseError, DenoiseStopped, denoise
+from .denoise import DenoiseError, DenoiseStopped, denoise, is_missing
 from .export import ExportStopped, KeptLayers, Notes, export_scene, export_settings, property_group
 from .faults import message_of
 from .memory import current_and_peak_mb
@@ -81,7 +81,7 @@ class Session:
                 report["stopped"] = True
             else:
                 noisy = result.pixels
-                if self.denoising and not result.stopped:
+                if self.denoising and not result.stopped and not is_missing():  # which the export has noted
                     self._denoise(result)
                 picture.fill(result.passes, noisy if self.denoising else None)
                 picture.show(result.pixels)

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import bpy
 
 from .. import scene_report
-from ..export.notes import ERROR, WARNING
 from ..passes import wanted_passes
 from . import peer
 from .keeping import Change, Keeper
@@ -150,7 +149,7 @@ def _listed(names: list[str], most: int = 8) -> str:
 def not_drawn(scene) -> list[str]:
     """What Lobe, in its newest render of the scene, did not draw as asked: there the pictures differ in earnest."""
     report = scene_report.report_of(scene)
-    groups = report.of_level(ERROR, WARNING) if report is not None else []
+    groups = report.of_level(*scene_report.NOT_HONOURED) if report is not None else []
     return [scene_report.sentence(group) for group in groups]
 
 

@@ -213,7 +213,7 @@ class Placement:
         materials = [slot.material for slot in object_.material_slots] or list(object_.data.materials) or [None]
         is_drawn = CYCLES_SHINES and self._materials.draws_default(holdout)
         if is_drawn and None in materials and shows_none(mesh, materials):
-            self._notes.warn("object", object_.name, NO_MATERIAL)
+            self._notes.approximate("object", object_.name, NO_MATERIAL)
         slots = tuple(self._materials.index(material, holdout) for material in materials)
         if slots not in self._slot_index:
             self._slot_index[slots] = len(self._slot_table)

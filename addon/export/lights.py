@@ -22,7 +22,7 @@ from .materials.material import uses_nodes
 from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output
 from .materials.values import Evaluator
-from .notes import Notes
+from .notes import WARNING, Notes
 from .unsupported import note_light
 
 SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
@@ -94,8 +94,8 @@ def light_color(data, name: str, notes: Notes) -> np.ndarray:
     if output is None:
         return np.zeros(3)
 
-    def note(sentence: str) -> None:
-        notes.warn("light", name, sentence)
+    def note(sentence: str, level: str = WARNING) -> None:
+        notes.add(level, "light", name, sentence)
 
     def texture(_evaluator, _slot):
         return None

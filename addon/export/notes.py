@@ -10,8 +10,15 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-# How much it matters: nothing can be rendered; the picture will not show it as asked; it doesn't change the picture.
-ERROR, WARNING, SKIPPED = LEVELS = ("ERROR", "WARNING", "SKIPPED")
+# How much it matters: nothing can be rendered; the picture will not show it as asked; it will nearly; it doesn't change
+# the picture.
+ERROR, WARNING, APPROXIMATED, SKIPPED = LEVELS = ("ERROR", "WARNING", "APPROXIMATED", "SKIPPED")
+
+# Of nearly every scene, so that it comes after all else of its level.
+PRINCIPLED_GLOSS = (
+    "Principled BSDF's reflections don't grow stronger towards the edges as in Cycles: the same on average, in places "
+    "up to a tenth brighter or darker"
+)
 
 # Of datablocks, in the order of the report; "" is what holds for the scene as a whole.
 KINDS = ("", "view layer", "camera", "world", "light", "object", "material", "image", "library")
@@ -62,6 +69,10 @@ class Notes:
         """The picture will not show it as asked."""
         self.add(WARNING, kind, name, what)
 
+    def approximate(self, kind: str, name: str, what: str) -> None:
+        """The picture will show it nearly as asked."""
+        self.add(APPROXIMATED, kind, name, what)
+
     def warn_scene(self, what: str) -> None:
         self.add(WARNING, "", "", what)
 
@@ -94,11 +105,16 @@ class Notes:
     @property
     def warnings(self) -> list[str]:
         """Sentences, for `Scene.warnings`."""
-        return [note.sentence for note in self._notes if note.level == WARNING]
+        return [note.sentence for note in self._notes if note.level in (WARNING, APPROXIMATED)]
+
+
+def importance(note: Note | Group) -> tuple[int, bool]:
+    """To sort by: what matters most comes first."""
+    return LEVELS.index(note.level), note.what == PRINCIPLED_GLOSS
 
 
 def grouped(notes: Iterable[Note]) -> list[Group]:
-    """Equal notes of different datablocks become one, by level, kind and number.
+    """Equal notes of different datablocks become one, by importance, kind and number.
 
     What differs in nothing but the name of an image, a node group or a particle system is the same: "image '...'".
     """
@@ -113,4 +129,4 @@ def grouped(notes: Iterable[Note]) -> list[Group]:
         level, kind, general = key
         what = next(iter(texts[key])) if len(texts[key]) == 1 else general
         groups.append(Group(level, kind, what, tuple(of_datablocks) if kind else ()))
-    return sorted(groups, key=lambda group: (LEVELS.index(group.level), KINDS.index(group.kind), -len(group.names)))
+    return sorted(groups, key=lambda group: (*importance(group), KINDS.index(group.kind), -len(group.names)))

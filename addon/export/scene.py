@@ -8,17 +8,16 @@ from collections.abc import Callable
 import bpy
 
 from ...engine import Mist, Scene
-from ..passes import KINDS, wanted_passes
+from ..denoise import MISSING, is_missing
+from ..passes import wanted_passes
 from .camera import border, export_camera, resolution
 from .faults import naming
 from .instances import Placement
 from .kept import Kept
 from .notes import Notes
-from .settings import film_exposure
+from .settings import film_exposure, property_group
 from .unsupported import note_cycles_scene, note_view_layer
 
-# What is no pass but the picture itself, and a setting of one.
-NO_WISH = {"use_pass_combined", "use_pass_cryptomatte_accurate"}
 # Exponents of Blender's mist, see Cycles' blender/sync.cpp.
 MIST_FALLOFF = {"QUADRATIC": 2.0, "LINEAR": 1.0, "INVERSE_QUADRATIC": 0.5}
 
@@ -55,8 +54,8 @@ def export_scene(
     note_libraries(notes)
     note_working_space(notes)
     note_scene(render, notes)
+    note_denoising(scene, notes)
     note_cycles_scene(scene, notes)
-    note_passes(view_layer, notes)
     note_view_layer(view_layer, notes)
     exported = Scene(
         camera=camera,
@@ -112,16 +111,6 @@ def note_scene(render, notes: Notes) -> None:
         notes.warn_scene("Freestyle lines are not supported and left out")
 
 
-def note_passes(view_layer, notes: Notes) -> None:
-    """Names the passes that are ticked and stay away."""
-    made = {kind.box for kind in KINDS.values()}
-    ticked = [
-        prop.name
-        for prop in view_layer.bl_rna.properties
-        if prop.identifier.startswith("use_pass_")
-        and prop.identifier not in NO_WISH
-        and prop.identifier not in made
-        and getattr(view_layer, prop.identifier)
-    ]
-    if ticked:
-        notes.warn("view layer", view_layer.name, f"these passes are not supported: {', '.join(ticked)}")
+def note_denoising(scene, notes: Notes) -> None:
+    if getattr(property_group(scene, "lobe"), "use_denoising", False) and is_missing():
+        notes.warn_scene(MISSING)

@@ -6,8 +6,9 @@ does is a note that it was skipped, as Cycles skips it. Nodes are named where th
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..passes import KINDS
 from .notes import Notes
 from .settings import property_group
 
@@ -16,7 +17,9 @@ CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; th
 CAUSTICS = "shadow caustics are not supported and left out"
 OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as the scene's bounces go"
 
-PASSES = ("use_pass_", "pass_", "denoising_store_passes")  # how an engine's properties of these are called
+PASSES = ("use_pass_", "pass_", "denoising_store_passes")  # how the boxes of passes are called
+# What is no pass but the picture itself, a setting of one, and what Lobe makes.
+WISHES_GRANTED = {"use_pass_combined", "use_pass_cryptomatte_accurate", *(kind.box for kind in KINDS.values())}
 
 EEVEE_LIGHT = {
     "diffuse_factor": "diffuse factor",
@@ -41,7 +44,7 @@ def cycles_settings(datablock) -> Any:
 def note_object(object_, notes: Notes) -> None:
     """Of a mesh or lamp object, or of what instances it. Called for each of maybe many thousand: a microsecond."""
     if not object_.visible_transmission:
-        what = "hiding it from transmission rays is not supported: glass is drawn as transparent and shows it"
+        what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
         notes.warn("object", object_.name, what)
     if not object_.visible_volume_scatter:
         notes.skip("object", object_.name, "it is hidden from volume scatter, which is not drawn")
@@ -85,7 +88,7 @@ def note_world(world, notes: Notes) -> None:
         notes.warn("world", world.name, CAUSTICS)
     visibility = getattr(world, "cycles_visibility", None)
     if not getattr(visibility, "transmission", True):
-        what = "hiding it from transmission rays is not supported: glass is drawn as transparent and shows it"
+        what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
         notes.warn("world", world.name, what)
     if not getattr(visibility, "scatter", True):
         notes.skip("world", world.name, "it is hidden from volume scatter, which is not drawn")
@@ -108,17 +111,30 @@ def note_view_layer(view_layer, notes: Notes) -> None:
         notes.warn("view layer", name, f"shader AOVs are not supported and left out: {', '.join(aovs)}")
     if groups := [group.name for group in view_layer.lightgroups]:
         notes.warn("view layer", name, f"light groups are not supported and left out: {', '.join(groups)}")
-    if passes := [*_passes(cycles_settings(view_layer)), *_passes(getattr(view_layer, "eevee", None))]:
-        what = f"these passes of another engine are not made: {', '.join(passes)}; Lobe's own boxes are under Passes"
-        notes.warn("view layer", name, what)
+    if passes := ", ".join(box.text for box in passes_not_made(view_layer)):
+        notes.warn("view layer", name, f"these passes are not made: {passes}; untick them under View Layer > Passes")
 
 
-def _passes(owner) -> list[str]:
-    """The names of the passes that are ticked in an engine's own properties."""
-    if owner is None:
-        return []
-    boxes = [prop for prop in owner.bl_rna.properties if prop.type == "BOOLEAN" and prop.identifier.startswith(PASSES)]
-    return [prop.name for prop in boxes if getattr(owner, prop.identifier)]
+class Box(NamedTuple):
+    """A property that asks for a pass."""
+
+    owner: Any
+    key: str
+    text: str
+
+
+def passes_not_made(view_layer) -> list[Box]:
+    """Those that are ticked: Blender's own, and those of Cycles and EEVEE, for which Lobe may have boxes of its own."""
+    owners = {"": view_layer, " (Cycles)": cycles_settings(view_layer), " (EEVEE)": getattr(view_layer, "eevee", None)}
+    return [
+        Box(owner, prop.identifier, prop.name + whose)
+        for whose, owner in owners.items()
+        for prop in (owner.bl_rna.properties if owner is not None else ())
+        if prop.type == "BOOLEAN"
+        and prop.identifier.startswith(PASSES)
+        and prop.identifier not in WISHES_GRANTED
+        and getattr(owner, prop.identifier)
+    ]
 
 
 def note_cycles_scene(scene, notes: Notes) -> None:
@@ -132,7 +148,7 @@ def note_cycles_scene(scene, notes: Notes) -> None:
         notes.warn_scene("Cycles' Fast Global Illumination is not supported: all bounces are traced")
     if scene.render.film_transparent and cycles.film_transparent_glass:
         notes.warn_scene(
-            "Cycles' Transparent Glass is not supported: glass is drawn as transparent, with alpha to match"
+            "Cycles' Transparent Glass is not supported: glass is drawn as a clear pane, with alpha to match"
         )
     if scene.render.use_simplify and (cycles.use_camera_cull or cycles.use_distance_cull):
         notes.warn_scene("culling by the camera or by distance (Simplify) is not supported: every object is drawn")

@@ -18,7 +18,7 @@ from .materials.nodes_math import euler_matrix
 from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output, source
 from .materials.values import Evaluator, as_color, node_label, value_node
-from .notes import Notes
+from .notes import APPROXIMATED, WARNING, Notes
 from .unsupported import note_world
 
 # Mean radiance over the whole sphere of each kind of sky texture with its default settings, rendered with Cycles 5.0.
@@ -46,8 +46,8 @@ def export_world(world, notes: Notes, images: Images) -> World:
     if output is None:
         return World(visibility=visibility)
 
-    def note(sentence: str) -> None:
-        notes.warn("world", world.name, sentence)
+    def note(sentence: str, level: str = WARNING) -> None:
+        notes.add(level, "world", world.name, sentence)
 
     environment = Environment(images, note)
     walk = Walk(Evaluator(note, environment.texture, NEAREST))
@@ -114,7 +114,7 @@ class Environment:
             return self._average(node, pixels, "is not an equirectangular environment")
         if node.interpolation != "Linear":
             kind = f"interpolation '{node.interpolation}' of image {node.image.name!r}"
-            self._note(f"{kind} is not supported, drawn as 'Linear'")
+            self._note(f"{kind} is not supported, drawn as 'Linear'", APPROXIMATED)
         rotation = self._rotation(evaluator, slot)
         if self._shape is None:
             self._shape, self.rotation = pixels.shape, rotation

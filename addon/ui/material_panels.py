@@ -5,7 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..export.materials.material import always_uses_nodes, uses_nodes
+from ..export.materials.surface import DARKER_EDGES
 from ..export.materials.tree import is_phong_group, shader_output
+from ..export.notes import ERROR, WARNING
 from ..export.units import exponent_to_roughness
 from ..phong_group import phong_group
 from .nodes import draw_surface
@@ -14,17 +16,34 @@ from .text import draw_text
 from .understood import read_soon, understood
 
 INPUTS = ("kd", "ks", "exponent")
+ADD = "ShaderNodeAddShader"
+BESIDE = {ADD, "ShaderNodeEmission", "ShaderNodeBsdfTransparent"}  # what "Use Phong BSDF" makes of the rest
+LEVEL_ICONS = {ERROR: "CANCEL", WARNING: "ERROR"}
+HOLE = "Its surface is a hole in the picture (Holdout), which no Phong BSDF can be"
 SHINY = 1e-5  # of a reflectance, an emission or a transparency that is worth a node
 
 
 def phong_node(material):
-    """The Phong BSDF that is the material's whole surface, None where it is anything else."""
+    """The Phong BSDF that is the material's whole surface, but for nodes beside it that shine or let light through.
+    None where there is anything else."""
     if not uses_nodes(material):
         return None
     output = shader_output(material.node_tree, "ShaderNodeOutputMaterial")
-    links = output.inputs["Surface"].links if output is not None else ()
-    node = links[0].from_node if links else None
-    return node if node is not None and is_phong_group(node) and set(INPUTS) <= set(node.inputs.keys()) else None
+    parts = _summands(output.inputs["Surface"]) if output is not None else set()
+    phong = {node for node in parts if is_phong_group(node) and set(INPUTS) <= set(node.inputs.keys())}
+    rest = {node.bl_idname for node in parts - phong}
+    return phong.pop() if len(phong) == 1 and rest <= BESIDE else None
+
+
+def _summands(socket) -> set:
+    """The nodes whose sum feeds a shader input, with the Add Shaders that sum them."""
+    nodes, sockets = set(), [socket]
+    while sockets:
+        for link in sockets.pop().links:
+            if link.from_node not in nodes and link.from_node.bl_idname == ADD:
+                sockets += link.from_node.inputs
+            nodes.add(link.from_node)
+    return nodes
 
 
 class _MaterialPanel(LobePanel):
@@ -79,7 +98,7 @@ class LOBE_MATERIAL_PT_understood(_MaterialPanel, bpy.types.Panel):
             self.layout.label(text="Reading its images...", icon="TIME")
             read_soon()
             return
-        drawn, texts = known
+        drawn, notes = known
         column = self.column(align=True)
         if drawn is not None:
             for name, value in _rows(drawn):
@@ -88,10 +107,10 @@ class LOBE_MATERIAL_PT_understood(_MaterialPanel, bpy.types.Panel):
                 label.alignment = "RIGHT"
                 label.label(text=name)
                 split.label(text=value)
-        if texts:
+        if notes:
             box = self.layout.box().column()
-            for text in texts:
-                draw_text(box, context, text[:1].upper() + text[1:], "INFO")
+            for note in notes:
+                draw_text(box, context, note.what[:1].upper() + note.what[1:], LEVEL_ICONS.get(note.level, "INFO"))
         elif drawn is not None:
             self.layout.label(text="Every node of it is honoured", icon="CHECKMARK")
 
@@ -125,19 +144,34 @@ Emission and transparency are kept as nodes of their own; the old nodes stay in 
     @classmethod
     def poll(cls, context) -> bool:
         material = getattr(context, "material", None)
-        return material is not None and material.library is None and phong_node(material) is None
+        if material is None or material.library is not None:
+            return False
+        if phong_node(material) is not None:
+            cls.poll_message_set("The surface is a Phong BSDF already")
+            return False
+        return True
 
     def execute(self, context):
         material = context.material
-        drawn, texts = understood.of(material)
-        if drawn is None:
-            self.report({"ERROR"}, texts[0])
+        drawn, notes = understood.of(material)
+        if drawn is None or drawn.holdout:
+            self.report({"ERROR"}, HOLE if drawn is not None else notes[0].what)
             return {"CANCELLED"}
         if not always_uses_nodes(material):
             material.use_nodes = True
         use_phong(material.node_tree, drawn)
         understood.forget_materials()
+        lost = _lost(notes, understood.of(material)[1])
+        if lost:
+            text = "; ".join(lost)
+            self.report({"WARNING"}, f"Replaced in {material.name!r}, for all engines (Undo brings it back): {text}")
         return {"FINISHED"}
+
+
+def _lost(before, after) -> list[str]:
+    """What a material that became a Phong surface had and no engine draws any more. Metal and gloss aren't lost."""
+    warned = (note for note in before if note.level == WARNING and note not in after)
+    return [note.what for note in warned if note.what != DARKER_EDGES]
 
 
 def use_phong(tree, drawn) -> None:

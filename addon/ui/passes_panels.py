@@ -1,9 +1,11 @@
-"""The passes of a view layer, laid out as Cycles' are. Boxes of passes that Lobe doesn't make are not shown."""
+"""The passes of a view layer, laid out as Cycles' are. Boxes of passes that Lobe doesn't make are shown where they are
+ticked, to be unticked."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..export.unsupported import passes_not_made
 from .panel import LobePanel
 
 
@@ -50,4 +52,24 @@ class LOBE_VIEWLAYER_PT_passes_light(_Panel, bpy.types.Panel):
         other.prop(layer, "use_pass_ambient_occlusion", text="Ambient Occlusion")
 
 
-CLASSES = (LOBE_VIEWLAYER_PT_passes, LOBE_VIEWLAYER_PT_passes_data, LOBE_VIEWLAYER_PT_passes_light)
+class LOBE_VIEWLAYER_PT_passes_not_made(_Panel, bpy.types.Panel):
+    bl_label = "Not Made by Lobe"
+    bl_parent_id = "LOBE_VIEWLAYER_PT_passes"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return super().poll(context) and bool(passes_not_made(context.view_layer))
+
+    def draw(self, context):
+        column = self.column().column(heading="Ticked", align=True)
+        column.active = False
+        for owner, key, text in passes_not_made(context.view_layer):
+            column.prop(owner, key, text=text)
+
+
+CLASSES = (
+    LOBE_VIEWLAYER_PT_passes,
+    LOBE_VIEWLAYER_PT_passes_data,
+    LOBE_VIEWLAYER_PT_passes_light,
+    LOBE_VIEWLAYER_PT_passes_not_made,
+)

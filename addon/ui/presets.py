@@ -14,6 +14,25 @@ FOLDER = str(Path(__file__).resolve().parent.parent)  # the one that holds `pres
 LOBE = "lobe = bpy.context.scene.lobe"
 RENDER = "render = bpy.context.scene.render"
 
+# Kind, which names the folder of its files -> (whose values its presets hold, and which).
+KINDS = {
+    "sampling": (
+        LOBE, ["lobe.use_adaptive_sampling", "lobe.adaptive_threshold", "lobe.samples", "lobe.time_limit"]
+    ),
+    "viewport_sampling": (LOBE, ["lobe.viewport_samples"]),
+    "light_paths": (
+        LOBE,
+        [
+            "lobe.max_bounces",
+            "lobe.diffuse_bounces",
+            "lobe.glossy_bounces",
+            "lobe.clamp_direct",
+            "lobe.clamp_indirect",
+        ],
+    ),
+    "performance": (RENDER, ["render.threads_mode", "render.use_persistent_data"]),
+}  # fmt: skip
+
 
 class _PresetPanel(PresetPanel):
     preset_operator = "script.execute_preset"
@@ -26,90 +45,32 @@ class _PresetPanel(PresetPanel):
         render.filter_size = render.filter_size
 
 
-class LOBE_OT_sampling_preset_add(AddPresetBase, bpy.types.Operator):
-    """Add or remove a preset of the sampling: noise threshold, samples and time limit"""
-
-    bl_idname = "lobe.sampling_preset_add"
-    bl_label = "Add Sampling Preset"
-    preset_menu = "LOBE_PT_sampling_presets"
-    preset_subdir = "lobe/sampling"
-    preset_defines = [LOBE]
-    preset_values = ["lobe.use_adaptive_sampling", "lobe.adaptive_threshold", "lobe.samples", "lobe.time_limit"]
-
-
-class LOBE_PT_sampling_presets(_PresetPanel, bpy.types.Panel):
-    bl_label = "Sampling Presets"
-    preset_subdir = LOBE_OT_sampling_preset_add.preset_subdir
-    preset_add_operator = LOBE_OT_sampling_preset_add.bl_idname
-
-
-class LOBE_OT_viewport_sampling_preset_add(AddPresetBase, bpy.types.Operator):
-    """Add or remove a preset of the viewport's samples"""
-
-    bl_idname = "lobe.viewport_sampling_preset_add"
-    bl_label = "Add Viewport Sampling Preset"
-    preset_menu = "LOBE_PT_viewport_sampling_presets"
-    preset_subdir = "lobe/viewport_sampling"
-    preset_defines = [LOBE]
-    preset_values = ["lobe.viewport_samples"]
+def _classes(kind: str, owner: str, values: list[str]) -> tuple[type, type]:
+    """The operator that adds and removes presets of a kind, and the panel that lists them."""
+    label, menu, folder = kind.replace("_", " ").title(), f"LOBE_PT_{kind}_presets", f"lobe/{kind}"
+    adding = {
+        "bl_idname": f"lobe.{kind}_preset_add",
+        "bl_label": f"Add {label} Preset",
+        "bl_description": f"Add or remove a preset of the {label} settings",
+        "preset_menu": menu,
+        "preset_subdir": folder,
+        "preset_defines": [owner],
+        "preset_values": values,
+    }
+    listing = {"bl_label": f"{label} Presets", "preset_subdir": folder, "preset_add_operator": adding["bl_idname"]}
+    return (
+        type(f"LOBE_OT_{kind}_preset_add", (AddPresetBase, bpy.types.Operator), adding),
+        type(menu, (_PresetPanel, bpy.types.Panel), listing),
+    )
 
 
-class LOBE_PT_viewport_sampling_presets(_PresetPanel, bpy.types.Panel):
-    bl_label = "Viewport Sampling Presets"
-    preset_subdir = LOBE_OT_viewport_sampling_preset_add.preset_subdir
-    preset_add_operator = LOBE_OT_viewport_sampling_preset_add.bl_idname
+_PAIRS = {kind: _classes(kind, *of_kind) for kind, of_kind in KINDS.items()}
+CLASSES = tuple(cls for pair in _PAIRS.values() for cls in pair)
 
 
-class LOBE_OT_light_paths_preset_add(AddPresetBase, bpy.types.Operator):
-    """Add or remove a preset of the light paths: bounces and clamping"""
-
-    bl_idname = "lobe.light_paths_preset_add"
-    bl_label = "Add Light Paths Preset"
-    preset_menu = "LOBE_PT_light_paths_presets"
-    preset_subdir = "lobe/light_paths"
-    preset_defines = [LOBE]
-    preset_values = [
-        "lobe.max_bounces",
-        "lobe.diffuse_bounces",
-        "lobe.glossy_bounces",
-        "lobe.clamp_direct",
-        "lobe.clamp_indirect",
-    ]
-
-
-class LOBE_PT_light_paths_presets(_PresetPanel, bpy.types.Panel):
-    bl_label = "Light Paths Presets"
-    preset_subdir = LOBE_OT_light_paths_preset_add.preset_subdir
-    preset_add_operator = LOBE_OT_light_paths_preset_add.bl_idname
-
-
-class LOBE_OT_performance_preset_add(AddPresetBase, bpy.types.Operator):
-    """Add or remove a preset of the performance: threads, and whether data stay in memory"""
-
-    bl_idname = "lobe.performance_preset_add"
-    bl_label = "Add Performance Preset"
-    preset_menu = "LOBE_PT_performance_presets"
-    preset_subdir = "lobe/performance"
-    preset_defines = [RENDER]
-    preset_values = ["render.threads_mode", "render.use_persistent_data"]
-
-
-class LOBE_PT_performance_presets(_PresetPanel, bpy.types.Panel):
-    bl_label = "Performance Presets"
-    preset_subdir = LOBE_OT_performance_preset_add.preset_subdir
-    preset_add_operator = LOBE_OT_performance_preset_add.bl_idname
-
-
-CLASSES = (
-    LOBE_OT_sampling_preset_add,
-    LOBE_PT_sampling_presets,
-    LOBE_OT_viewport_sampling_preset_add,
-    LOBE_PT_viewport_sampling_presets,
-    LOBE_OT_light_paths_preset_add,
-    LOBE_PT_light_paths_presets,
-    LOBE_OT_performance_preset_add,
-    LOBE_PT_performance_presets,
-)
+def draw_presets(layout, kind: str) -> None:
+    """The button in a panel's header."""
+    _PAIRS[kind][1].draw_panel_header(layout)
 
 
 def register() -> None:

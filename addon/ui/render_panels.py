@@ -5,13 +5,9 @@ from __future__ import annotations
 import bpy
 
 from .. import precompile
+from ..denoise import MISSING, is_missing
 from .panel import LobePanel
-from .presets import (
-    LOBE_PT_light_paths_presets,
-    LOBE_PT_performance_presets,
-    LOBE_PT_sampling_presets,
-    LOBE_PT_viewport_sampling_presets,
-)
+from .presets import draw_presets
 from .text import draw_text
 
 
@@ -31,7 +27,7 @@ class LOBE_RENDER_PT_sampling_viewport(_Panel, bpy.types.Panel):
     bl_parent_id = "LOBE_RENDER_PT_sampling"
 
     def draw_header_preset(self, context):
-        LOBE_PT_viewport_sampling_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "viewport_sampling")
 
     def draw(self, context):
         self.column().prop(context.scene.lobe, "viewport_samples", text="Samples")
@@ -42,7 +38,7 @@ class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
     bl_parent_id = "LOBE_RENDER_PT_sampling"
 
     def draw_header_preset(self, context):
-        LOBE_PT_sampling_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "sampling")
 
     def draw(self, context):
         lobe = context.scene.lobe
@@ -61,13 +57,16 @@ class LOBE_RENDER_PT_sampling_render(_Panel, bpy.types.Panel):
 class LOBE_RENDER_PT_sampling_render_denoise(_Panel, bpy.types.Panel):
     bl_label = "Denoise"
     bl_parent_id = "LOBE_RENDER_PT_sampling_render"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context):
+        self.layout.active = not is_missing()
         self.layout.prop(context.scene.lobe, "use_denoising", text="")
 
     def draw(self, context):
-        draw_text(self.layout, context, "With OpenImageDenoise, at the end of the render")
+        if is_missing():
+            draw_text(self.layout, context, MISSING, "ERROR")
+        else:
+            draw_text(self.layout, context, "With OpenImageDenoise, at the end of the render")
 
 
 class LOBE_RENDER_PT_sampling_advanced(_Panel, bpy.types.Panel):
@@ -88,7 +87,7 @@ class LOBE_RENDER_PT_light_paths(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, context):
-        LOBE_PT_light_paths_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "light_paths")
 
     def draw(self, context):
         pass
@@ -185,12 +184,11 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, context):
-        LOBE_PT_performance_presets.draw_panel_header(self.layout)
+        draw_presets(self.layout, "performance")
 
     def draw(self, context):
         render = context.scene.render
         column = self.column()
-        column.prop(context.scene.lobe, "road")
         column.prop(render, "threads_mode")
         sub = column.column()
         sub.enabled = render.threads_mode == "FIXED"
@@ -198,6 +196,15 @@ class LOBE_RENDER_PT_performance(_Panel, bpy.types.Panel):
         column.prop(render, "use_persistent_data", text="Persistent Data")
         if said := precompile.said():
             draw_text(self.layout, context, said, "TIME")
+
+
+class LOBE_RENDER_PT_performance_debug(_Panel, bpy.types.Panel):
+    bl_label = "Debug"
+    bl_parent_id = "LOBE_RENDER_PT_performance"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        self.column().prop(context.scene.lobe, "road")
 
 
 CLASSES = (
@@ -215,4 +222,5 @@ CLASSES = (
     LOBE_RENDER_PT_film,
     LOBE_RENDER_PT_film_pixel_filter,
     LOBE_RENDER_PT_performance,
+    LOBE_RENDER_PT_performance_debug,
 )

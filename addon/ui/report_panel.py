@@ -6,7 +6,7 @@ import bpy
 
 from .. import scene_report
 from ..check import LOBE_OT_check_scene
-from ..export.notes import ERROR, SKIPPED, WARNING, Group
+from ..export.notes import APPROXIMATED, ERROR, SKIPPED, WARNING, Group
 from .objects_of import objects_of, selectable
 from .panel import LobePanel
 from .text import draw_text, is_narrower
@@ -22,6 +22,7 @@ ICONS = {
     "image": "IMAGE_DATA",
     "library": "LIBRARY_DATA_BROKEN",
 }
+LEVEL_ICONS = {ERROR: "CANCEL", APPROXIMATED: "INFO"}
 SHOWN = 60  # rows; the text and the command line have no limit
 BUTTON_WIDTH = 52  # pixels at resolution scale 1, of the button beside a text
 NARROW = 270  # of a region in which the buttons go below the texts
@@ -148,7 +149,8 @@ class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
         report = scene_report.report_of(context.scene)
         if report is not None:
             number = len(report.of_level(ERROR, WARNING))
-            self.layout.label(text=str(number or ""), icon="ERROR" if number else "CHECKMARK")
+            otherwise = "CHECKMARK" if scene_report.is_honoured(report) else "INFO"
+            self.layout.label(text=str(number or ""), icon="ERROR" if number else otherwise)
 
     def draw(self, context):
         layout = self.layout
@@ -160,11 +162,10 @@ class LOBE_RENDER_PT_scene_report(LobePanel, bpy.types.Panel):
         if report is None:
             draw_text(layout, context, "What Lobe would not draw as asked is listed here after a check or a render")
             return
-        found = report.of_level(ERROR, WARNING)
-        if not found:
+        if scene_report.is_honoured(report):
             layout.label(text=scene_report.HONOURED, icon="CHECKMARK")
             return
-        for level in (ERROR, WARNING):
+        for level in scene_report.NOT_HONOURED:
             if groups := report.of_level(level):
                 draw_text(layout, context, f"{scene_report.HEADINGS[level]}, as of the last {report.source}:")
                 _draw_groups(layout, context, report, groups)
@@ -194,7 +195,7 @@ def _draw_groups(layout, context, report: scene_report.Report, groups: list[Grou
     for group in groups[:SHOWN]:
         has_button = _buttons.has(context, report, group)
         row = column.column() if narrow else column.row()
-        icon = "CANCEL" if group.level == ERROR else ICONS[group.kind]
+        icon = LEVEL_ICONS.get(group.level) or ICONS[group.kind]
         text = group.what[:1].upper() + group.what[1:]
         if group.kind in ("view layer", "world", "library"):
             text = f"{', '.join(group.names)}: {group.what}"

@@ -11,7 +11,7 @@ import bpy
 from .. import scene_report
 from ..export.changes import uid_of
 from ..export.materials.material import export_material
-from ..export.notes import Notes
+from ..export.notes import ERROR, Notes, importance
 from ..export.stop import Stop
 from .averages import KeptAverages, NotRead
 
@@ -26,7 +26,7 @@ class Understood:
         self._waiting: set[int] = set()  # session numbers of materials whose images have yet to be read
 
     def of(self, material) -> tuple:
-        """(engine.Material or None, the sentences that go with it)"""
+        """(engine.Material or None, the notes that go with it, as they matter)"""
         self._images.may_read = True
         try:
             return self._exported(material)
@@ -63,10 +63,10 @@ class Understood:
             notes = Notes()
             try:
                 drawn = export_material(material, notes, self._images, Stop())
-                texts = [note.what for note in notes.all]
             except LobeError as error:
-                drawn, texts = None, [str(error)]
-            self._known[key] = drawn, texts
+                drawn = None
+                notes.add(ERROR, "material", material.name_full, str(error))
+            self._known[key] = drawn, sorted(notes.all, key=importance)
         return self._known[key]
 
     def changed(self, datablocks) -> None:

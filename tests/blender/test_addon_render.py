@@ -210,8 +210,8 @@ def test_what_is_true_of_many_is_told_in_one_line(simple_scene, capfd) -> None:
         material, _ = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
         add_object(f"Plate {number}", plane_mesh()).data.materials.append(material)
     bpy.ops.render.render()
-    (line,) = [line for line in capfd.readouterr().out.splitlines() if "grazing" in line]
-    assert line.startswith("Warning: Lobe: material 'Shiny 0', 'Shiny 1', ") and "'Shiny 7' and 3 more: " in line
+    (line,) = [line for line in capfd.readouterr().out.splitlines() if "towards the edges" in line]
+    assert line.startswith("Info: Lobe: material 'Shiny 0', 'Shiny 1', ") and "'Shiny 7' and 3 more: " in line
 
 
 def test_metadata_in_the_file(simple_scene, fake, rendered, tmp_path) -> None:

@@ -24,8 +24,8 @@ class Layout:
 
     def __init__(self) -> None:
         self.shown: list[tuple[str, str]] = []
-
         self.texts: list[str] = []
+        self.icons: list[str] = []
 
     def column(self, **_) -> Layout:
         return self
@@ -34,8 +34,9 @@ class Layout:
 
     def separator(self) -> None: ...
 
-    def label(self, text: str = "", **_) -> None:
+    def label(self, text: str = "", icon: str = "NONE", **_) -> None:
         self.texts.append(text)
+        self.icons.append(icon)
 
     def operator(self, name: str, **_) -> SimpleNamespace:
         group, _, rest = name.partition(".")
@@ -141,6 +142,22 @@ def test_panels_hide_from_other_engines(classes) -> None:
     assert not any(c.poll(context) for c in classes)
 
 
+def test_denoise_says_where_there_is_no_library(classes, monkeypatch, capfd) -> None:
+    """Looked for once, however often the panel is drawn."""
+    module, tried = sys.modules[f"{MODULE}.addon.denoise"], []
+    panel = find(classes, "LOBE_RENDER_PT_sampling_render_denoise")
+    monkeypatch.setattr(module, "_candidates", lambda: tried.append(1) or ["no_such_library.so"])
+    for cached in (module._library, module.is_missing):
+        cached.cache_clear()
+    for _ in range(3):
+        draw(panel, fake_context())
+        assert "is rendered without denoising" in texts(panel, fake_context())
+    assert len(tried) == 1 and "no_such_library.so" in capfd.readouterr().out
+    monkeypatch.undo()
+    for cached in (module._library, module.is_missing):
+        cached.cache_clear()
+
+
 # --- every tab ------------------------------------------------------------------------------------------------------
 
 
@@ -162,7 +179,7 @@ TOLD = {
     "lobe_selection": ("", "the noise is not.*less noise"),
     "pixel_filter": ("", "costs no time"),
     "filter_width": ("in pixels", "costs no time"),
-    "road": ("", "some hundred times slower"),
+    "road": ("leave it at compiled", "some hundred times slower"),
     "denoising_data": ("", "the time of one more ray for each sample"),
     "pass_sample_count": ("how many samples", "takes no time"),
     "kd": ("0 to 1", "costs no time"),
@@ -283,12 +300,25 @@ def test_the_scene_report(classes) -> None:
     for number in range(3):
         notes.warn("material", f"M{number}", "bump is not drawn")
     notes.warn("world", "World", "volumes are not drawn")
+    notes.approximate("object", "Bare", "it has no material")
     notes.skip("object", "Empty", "it has no faces")
     report.keep(report.key(context.scene), "render", notes.all)
     shown = texts(panel, context)
     assert shown.startswith("2 ") and "as of the last render" in shown
     assert shown.count("Bump is not drawn") == 1 and "World: volumes are not drawn" in shown
+    assert shown.index("Drawn nearly as asked") < shown.index("It has no material")
     assert "no faces" not in shown and skipped.poll(context) and "It has no faces" in texts(skipped, context)
+
+
+@pytest.mark.parametrize(
+    ("level", "number", "icon"), [("WARNING", "1", "ERROR"), ("APPROXIMATED", "", "INFO"), ("SKIPPED", "", "CHECKMARK")]
+)
+def test_only_what_is_drawn_wrongly_is_counted_in_the_header(classes, level: str, number: str, icon: str) -> None:
+    report = sys.modules[f"{MODULE}.addon.scene_report"]
+    layout, context = Layout(), fake_context()
+    report.keep(report.key(context.scene), "check", [report.Note(level, "object", "Cube", "is odd")])
+    find(classes, "LOBE_RENDER_PT_scene_report").draw_header_preset(SimpleNamespace(layout=layout), context)
+    assert (layout.texts, layout.icons) == ([number], [icon])
 
 
 @pytest.fixture
@@ -303,7 +333,7 @@ def test_what_lobe_understood_of_a_material(classes, glossy) -> None:
     panel = find(classes, "LOBE_MATERIAL_PT_understood")
     assert panel.poll(context)
     assert "Phong ks 0.5  0.4  0.3 Exponent 30 " in texts(panel, context)
-    assert "darkens towards the rim" in texts(panel, context)
+    assert "get darker where they turn away" in texts(panel, context)
     node.inputs["Color"].default_value = (0.25, 0.25, 0.25, 1)
     bpy.context.view_layer.update()
     assert "Phong ks 0.25 Exponent" in texts(panel, context)
@@ -450,6 +480,78 @@ def test_use_phong_keeps_what_is_drawn(classes) -> None:
     assert after.exponent == pytest.approx(before.exponent)
 
 
+def test_use_phong_has_nothing_to_do_a_second_time(classes) -> None:
+    """Nor beside what else the first time made; and what is no Phong surface says that it was replaced."""
+    material, node = new_material("M", "ShaderNodeBsdfGlass")
+    node.label, tree = "Mine", material.node_tree
+    with bpy.context.temp_override(material=material):
+        assert bpy.ops.lobe.use_phong() == {"FINISHED"}
+        number = len(tree.nodes)
+        assert not bpy.ops.lobe.use_phong.poll()
+        with pytest.raises(RuntimeError, match="is a Phong BSDF already"):
+            bpy.ops.lobe.use_phong()
+    assert len(tree.nodes) == number
+    panel = find(classes, "LOBE_MATERIAL_PT_phong")
+    assert draw(panel, fake_context(material=material)) == []
+    assert "Gives back up to" in texts(panel, fake_context(material=material))
+    tree.links.new(node.outputs[0], next(n for n in tree.nodes if n.bl_idname == "ShaderNodeAddShader").inputs[0])
+    assert draw(panel, fake_context(material=material)) == [("operator", "lobe.use_phong")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost"),
+    [
+        ("ShaderNodeBsdfGlass", "Glass BSDF is not supported, drawn as a clear pane"),
+        ("ShaderNodeSubsurfaceScattering", "Subsurface Scattering is not supported, drawn as an opaque"),
+        ("ShaderNodeBsdfDiffuse", ""),
+        ("ShaderNodeBsdfAnisotropic", ""),
+        ("ShaderNodeBsdfPrincipled", ""),
+    ],
+)
+def test_use_phong_says_what_it_replaces(capfd, kind: str, lost: str) -> None:
+    """And nothing of what is still left out afterwards."""
+    material, _ = new_material("M", kind)
+    tree = material.node_tree
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(tree.nodes.new("ShaderNodeVolumeScatter").outputs[0], output.inputs["Volume"])
+    with bpy.context.temp_override(material=material):
+        bpy.ops.lobe.use_phong()
+    lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("Warning")]
+    assert len(lines) == bool(lost)
+    assert all("(Undo brings it back)" in line and lost in line and "volumes" not in line for line in lines)
+
+
+def test_undo_takes_use_phong_back() -> None:
+    material, _ = new_material("M", "ShaderNodeBsdfGlass")
+    material.use_fake_user = True
+    names = {node.name for node in material.node_tree.nodes}
+    bpy.ops.ed.undo_push(message="before")
+    with bpy.context.temp_override(material=material):
+        bpy.ops.lobe.use_phong("EXEC_DEFAULT", True)
+    assert len(material.node_tree.nodes) > len(names)
+    bpy.ops.ed.undo()
+    tree = bpy.data.materials["M"].node_tree
+    assert {node.name for node in tree.nodes} == names
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    assert output.inputs["Surface"].links[0].from_node.bl_idname == "ShaderNodeBsdfGlass"
+
+
+def test_a_hole_stays_one() -> None:
+    material, _ = new_material("M", "ShaderNodeHoldout")
+    number = len(material.node_tree.nodes)
+    with bpy.context.temp_override(material=material), pytest.raises(RuntimeError, match="hole in the picture"):
+        bpy.ops.lobe.use_phong()
+    assert len(material.node_tree.nodes) == number
+
+
+def test_what_matters_to_a_material_comes_first(classes) -> None:
+    material, _ = new_material("M", "ShaderNodeBsdfPrincipled", Transmission_Weight=0.5, Diffuse_Roughness=0.5)
+    shown = texts(find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material))
+    assert (
+        shown.index("Transmission is not") < shown.index("Diffuse roughness is not") < shown.index("Principled BSDF's")
+    )
+
+
 def test_phong_quick_settings(classes, glossy) -> None:
     material, _ = glossy
     context = fake_context(material=material)
@@ -480,35 +582,41 @@ def another(owner, key: str):
     return not rna.default if rna.type == "BOOLEAN" else rna.default + (0.25 if rna.type == "FLOAT" else 3)
 
 
+# The first of each holds the defaults.
 PRESETS = {
-    "sampling": {"Draft", "Default", "Good", "Adaptive"},
-    "viewport_sampling": {"Draft", "Default", "Fine"},
-    "light_paths": {"Default", "Direct_Light", "Bright_Closed_Rooms", "Without_Bright_Specks", "Cycles_Default"},
-    "performance": {"Default", "Animation"},
+    "sampling": ["Normal", "Draft", "Final", "Until_Clean"],
+    "viewport_sampling": ["Normal", "Draft", "Fine"],
+    "light_paths": ["Default", "Direct_Light_Only", "Bright_Closed_Rooms", "Without_Bright_Specks", "Same_as_Cycles"],
+    "performance": ["Default", "Faster_Animation"],
 }
+
+
+def preset_values(kind: str) -> list[str]:
+    """What a preset of that kind holds, as the operator that adds one has it."""
+    return getattr(bpy.types, f"LOBE_OT_{kind}_preset_add").preset_values
 
 
 @pytest.mark.parametrize("kind", PRESETS)
 def test_presets(kind: str) -> None:
-    """Each of ours sets all that a preset of its kind holds, as one of the user's own does; Default is the defaults."""
+    """Each of ours sets all that a preset of its kind holds, as one of the user's own does."""
     menu = f"LOBE_PT_{kind}_presets"
-    added = getattr(sys.modules[f"{MODULE}.addon.ui.presets"], f"LOBE_OT_{kind}_preset_add").preset_values
+    added = preset_values(kind)
     files = {f.stem: f for folder in bpy.utils.preset_paths(f"lobe/{kind}") for f in Path(folder).glob("*.py")}
-    assert PRESETS[kind] <= set(files)
+    assert set(PRESETS[kind]) <= set(files)
     for name in PRESETS[kind]:
         values = [line.partition(" = ")[0] for line in files[name].read_text().splitlines()[4:]]
         assert sorted(values) == sorted(added), name
         for value in values:
             setattr(*of_preset(value), another(*of_preset(value)))
         assert bpy.ops.script.execute_preset(filepath=str(files[name]), menu_idname=menu) == {"FINISHED"}
-        if name == "Default":
+        if name == PRESETS[kind][0]:
             for owner, key in map(of_preset, values):
                 assert getattr(owner, key) == pytest.approx(owner.bl_rna.properties[key].default), key
 
 
 @pytest.mark.parametrize("kind", PRESETS)
 def test_a_preset_of_ones_own(kind: str) -> None:
-    values = getattr(sys.modules[f"{MODULE}.addon.ui.presets"], f"LOBE_OT_{kind}_preset_add").preset_values
+    values = preset_values(kind)
     for value in values:
         setattr(*of_preset(value), another(*of_preset(value)))
     assert getattr(bpy.ops.lobe, f"{kind}_preset_add")(name="Mine") == {"FINISHED"}

@@ -6,6 +6,7 @@ import ctypes.util
 import importlib
 import sys
 
+import bpy
 import numpy as np
 import pytest
 
@@ -27,10 +28,16 @@ def available() -> None:
 @pytest.fixture
 def absent(monkeypatch) -> None:
     """A Blender without the library."""
-    denoising._library.cache_clear()
+    forget()
     monkeypatch.setattr(denoising, "_candidates", lambda: ["no_such_library.so"])
     yield
+    forget()
+
+
+def forget() -> None:
+    """That the library was looked for."""
     denoising._library.cache_clear()
+    denoising.is_missing.cache_clear()
 
 
 @pytest.fixture
@@ -101,11 +108,17 @@ def test_without_the_library_the_picture_stays_and_it_is_said(absent, simple_sce
     noisy, _ = picture(simple_scene, False)
     kept, report = picture(simple_scene, True)
     assert np.array_equal(kept, noisy)
-    (warning,) = [warning for warning in report["warnings"] if "denoised" in warning]
-    assert warning.startswith("the picture is not denoised: this Blender has no OpenImageDenoise library")
-    assert "no_such_library.so" in warning
+    assert [warning for warning in report["warnings"] if "denois" in warning] == [denoising.MISSING]
     shown = sys.modules[f"{MODULE}.addon.scene_report"].report_of(simple_scene)
-    assert any("not denoised" in group.what for group in shown.groups)
+    assert [group.what for group in shown.groups if "denois" in group.what] == [denoising.MISSING]
+
+
+@pytest.mark.parametrize("ticked", [True, False])
+def test_without_the_library_a_check_says_so(absent, simple_scene, ticked) -> None:
+    simple_scene.lobe.use_denoising = ticked
+    bpy.ops.lobe.check_scene()
+    shown = sys.modules[f"{MODULE}.addon.scene_report"].report_of(simple_scene)
+    assert (denoising.MISSING in [group.what for group in shown.of_level("WARNING")]) == ticked
 
 
 def test_another_library_of_that_name_is_refused(absent, monkeypatch) -> None:

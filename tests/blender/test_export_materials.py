@@ -9,12 +9,13 @@ from bl_ext.user_default.lobe import engine
 from bl_ext.user_default.lobe.addon.export import export_scene, units
 from bl_ext.user_default.lobe.addon.export.materials.nodes_color import BLEND
 from bl_ext.user_default.lobe.addon.export.materials.nodes_math import MATH, VECTOR_MATH
-from bl_ext.user_default.lobe.addon.export.materials.shaders_principled import FIXED_GLOSS
+from bl_ext.user_default.lobe.addon.export.materials.surface import DARKER_EDGES
+from bl_ext.user_default.lobe.addon.export.notes import PRINCIPLED_GLOSS
 from bl_ext.user_default.lobe.addon.phong_group import phong_group
 
 from tests.blender.export_checks import add_camera, add_object, cycles_picture, depsgraph, new_material, plane_mesh
 
-DARKER_RIM = "material 'M': the gloss is a Phong lobe here, which darkens towards the rim: to half at 60 degrees"
+DARKER = f"material 'M': {DARKER_EDGES}"
 
 
 def exported(material):
@@ -46,7 +47,7 @@ def test_glossy():
     )
     assert material.ks == pytest.approx((0.1, 0.2, 0.3)) and material.kd == (0, 0, 0)
     assert material.exponent == pytest.approx(30)
-    assert warnings == [DARKER_RIM]
+    assert warnings == [DARKER]
 
 
 def test_emission():
@@ -139,7 +140,7 @@ def test_lobes_of_different_roughness_become_one():
     result, warnings = exported(material)
     assert result.ks == pytest.approx([0.8] * 3)
     assert result.exponent == pytest.approx(units.roughness_to_exponent(0.4))
-    assert warnings == [DARKER_RIM, "material 'M': several glossy lobes of different roughness are drawn as one"]
+    assert warnings == [DARKER, "material 'M': several reflections of different roughness are drawn as one"]
 
 
 PRINCIPLED = {
@@ -176,7 +177,7 @@ def test_principled_ends():
     )
     assert glow.emission == pytest.approx((2, 1, 0))
     # Of the gloss of the third; the first has none.
-    assert warnings == [DARKER_RIM.replace("'M'", "'Metal'"), f"material 'Glow': {FIXED_GLOSS}"]
+    assert warnings == [DARKER.replace("'M'", "'Metal'"), f"material 'Glow': {PRINCIPLED_GLOSS}"]
 
 
 def test_principled_base_colour_above_one_is_kept_where_cycles_keeps_it():

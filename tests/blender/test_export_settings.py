@@ -100,7 +100,8 @@ def test_passes_are_named():
     assert export_scene(depsgraph()).warnings == []
     layer.use_pass_vector = layer.use_pass_transmission_color = True
     assert export_scene(depsgraph()).warnings == [
-        f"view layer '{layer.name}': these passes are not supported: Vector, Transmission Color"
+        f"view layer '{layer.name}': these passes are not made: Vector, Transmission Color; untick them "
+        "under View Layer > Passes"
     ]
 
 

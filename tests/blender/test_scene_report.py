@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import addon_utils
 import bpy
@@ -56,8 +57,11 @@ def checked(part) -> Callable[[], list]:
     return run
 
 
+LEVELS = ("ERROR", "WARNING", "APPROXIMATED", "SKIPPED")
+
+
 def texts(groups, *levels: str) -> list[str]:
-    return [group.what for group in groups if group.level in (levels or ("ERROR", "WARNING"))]
+    return [group.what for group in groups if group.level in (levels or LEVELS[:3])]
 
 
 # --- what a scene can hold ----------------------------------------------------------------------------------------
@@ -189,9 +193,9 @@ NAMED = {
     "transparent glass": (None, "Transparent Glass is not supported", "WARNING"),
     "camera culling": (None, "culling by the camera", "WARNING"),
     "panorama": (put(lambda: bpy.data.cameras["Camera"], type="PANO"), "type pano is not supported", "WARNING"),
-    "passes": (put(layer, use_pass_vector=True), "these passes are not supported: Vector", "WARNING"),
+    "passes": (put(layer, use_pass_vector=True), "these passes are not made: Vector;", "WARNING"),
     "Cycles' passes": (
-        cycles(layer, denoising_store_passes=True), "these passes of another engine are not made", "WARNING"),
+        cycles(layer, denoising_store_passes=True), "not made: Store Denoising Passes (Cycles);", "WARNING"),
     "AOVs": (lambda: setattr(layer().aovs.add(), "name", "Dirt"), "shader AOVs are not supported and left out: Dirt",
              "WARNING"),
     "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
@@ -240,7 +244,9 @@ NAMED = {
     "clear coat": (
         lambda: shader("ShaderNodeEeveeSpecular", Clear_Coat=1.0), "clear coat is not supported", "WARNING"),
     "a principled surface's gloss": (
-        lambda: shader("ShaderNodeBsdfPrincipled"), "gloss does not rise towards grazing angles", "WARNING"),
+        lambda: shader("ShaderNodeBsdfPrincipled"), "don't grow stronger towards the edges", "APPROXIMATED"),
+    "diffuse roughness": (
+        lambda: shader("ShaderNodeBsdfDiffuse", Roughness=0.5), "roughness is not supported", "APPROXIMATED"),
     "layers of an image": (None, "several layers or views in one image are not supported", "WARNING"),
     "stereo image": (None, "the views of a stereo image are not supported", "WARNING"),
     "opaque shadows": (None, "opaque shadows of a transparent surface", "WARNING"),
@@ -251,8 +257,8 @@ NAMED = {
 
 NO_MATERIAL = "without a material it is drawn as a diffuse surface, in Cycles with a Principled BSDF"
 if V5:  # before that Cycles does the same
-    NAMED["no material"] = (lambda: plane().data.materials.clear(), NO_MATERIAL, "WARNING")
-    NAMED["an empty slot"] = (lambda: empty_slot(), NO_MATERIAL, "WARNING")
+    NAMED["no material"] = (lambda: plane().data.materials.clear(), NO_MATERIAL, "APPROXIMATED")
+    NAMED["an empty slot"] = (lambda: empty_slot(), NO_MATERIAL, "APPROXIMATED")
     NAMED["working space"] = (
         lambda: bpy.ops.wm.set_working_color_space(working_space="ACEScg"),
         "the working space ACEScg is not supported: colours are taken for Linear Rec.709",
@@ -368,10 +374,27 @@ def _():
 def test_what_is_not_drawn_as_asked_is_named(scene, checked, case) -> None:
     make, expected, level = NAMED[case]
     before = checked()
-    assert texts(before, "ERROR", "WARNING", "SKIPPED") == []
+    assert texts(before, *LEVELS) == []
     make()
     found = texts(checked(), level)
     assert any(expected in text for text in found), found
+
+
+@pytest.mark.parametrize("case", ["passes", "Cycles' passes"])
+def test_passes_that_are_not_made_can_be_unticked(scene, part, checked, case) -> None:
+    """In Lobe's own panel, which shows them for as long as they are ticked."""
+    panel = part("ui.passes_panels").LOBE_VIEWLAYER_PT_passes_not_made
+    context = SimpleNamespace(engine="LOBE", view_layer=layer())
+    assert not panel.poll(context)
+    NAMED[case][0]()
+    assert panel.poll(context) and checked()
+    ticked = []
+    column = SimpleNamespace(prop=lambda owner, key, text: ticked.append((owner, key)))
+    column.column = lambda **_: column
+    panel.draw(SimpleNamespace(column=lambda: column), context)
+    for owner, key in ticked:
+        setattr(owner, key, False)
+    assert not panel.poll(context) and checked() == []
 
 
 @pytest.mark.parametrize(
@@ -713,6 +736,25 @@ def test_switching_the_add_on_off_and_on(scene, part, checked) -> None:
     assert len(part("scene_report")._reports) == 1
 
 
+def test_what_matters_most_comes_first(scene, part, checked) -> None:
+    """The gloss of Principled BSDFs, of which there are many, is last of what isn't drawn quite as asked."""
+    for number in range(3):
+        material, node = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
+        add_object(f"Ball {number}", plane_mesh()).data.materials.append(material)
+    node.inputs["Diffuse Roughness"].default_value = 0.5
+    shader("ShaderNodeBsdfGlass")
+    lamp().energy, lamp().specular_factor = -1.0, 0.5
+    groups = checked()
+    assert [group.level for group in groups] == ["ERROR", "WARNING", "APPROXIMATED", "APPROXIMATED", "SKIPPED"]
+    assert "diffuse roughness" in groups[2].what and groups[3].what == part("export.notes").PRINCIPLED_GLOSS
+
+
+def test_what_is_drawn_nearly_as_asked_is_not_as_asked(scene, part) -> None:
+    shader("ShaderNodeBsdfPrincipled")
+    honoured, lines = blender_render.check(scene)
+    assert not honoured and lines[0] == "Drawn nearly as asked:"
+
+
 # --- the panel -----------------------------------------------------------------------------------------------------
 
 
@@ -882,8 +924,8 @@ def test_the_command_line_says_the_same(scene, part) -> None:
     honoured, lines = blender_render.check(scene)
     assert not honoured and lines[:2] == [
         "Not drawn as asked:",
-        "      3  material    Glass BSDF is not supported, drawn as a glossy pane that light passes straight through: "
-        "Other, Glass 0, Glass 1",
+        "      3  material    Glass BSDF is not supported, drawn as a clear pane: what is behind it shows straight "
+        "through, neither bent nor blurred: Other, Glass 0, Glass 1",
     ]
 
 

@@ -13,7 +13,7 @@ from ....engine import DEFAULT_MATERIAL, Material, SceneError
 from ..changes import uid_of
 from ..faults import naming
 from ..images import MISSING, Images
-from ..notes import Note, Notes
+from ..notes import WARNING, Note, Notes
 from ..stop import Stop
 from ..unsupported import note_material
 from .surface import Walk, merge_lobes
@@ -101,8 +101,8 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
         note_material(material, False, notes)
         return Material(name, kd=tuple(material.diffuse_color[:3]))
 
-    def note(sentence: str) -> None:
-        notes.warn("material", name, sentence)
+    def note(sentence: str, level: str = WARNING) -> None:
+        notes.add(level, "material", name, sentence)
 
     output = shader_output(material.node_tree, "ShaderNodeOutputMaterial")
     if output is None:

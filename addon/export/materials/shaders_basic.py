@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .surface import NOTHING, Surface, Walk, shader_node
+from .surface import DARKER_EDGES, NOTHING, Surface, Walk, shader_node
 from .tree import Slot, is_phong_group
 
 
@@ -12,7 +12,7 @@ from .tree import Slot, is_phong_group
 def diffuse(walk: Walk, slot: Slot) -> Surface:
     walk.note_normal(slot)
     if walk.number(slot, "Roughness") > 1e-5:
-        walk.note("Diffuse BSDF's roughness is not supported, drawn as Lambertian")
+        walk.approximate("Diffuse BSDF's roughness is not supported, drawn without it")
     return Surface(diffuse=walk.color(slot, "Color"))
 
 
@@ -21,8 +21,8 @@ def glossy(walk: Walk, slot: Slot) -> Surface:
     """One id since Blender 4.0, which kept the name "Anisotropic" for it inside."""
     walk.note_normal(slot)
     if walk.number(slot, "Anisotropy") != 0.0:
-        walk.note("anisotropy is not supported, drawn as isotropic")
-    walk.note_darker_rim()
+        walk.note("anisotropy is not supported, drawn with round highlights")
+    walk.note(DARKER_EDGES)
     return Surface(lobes=((walk.rough_share(slot) * walk.color(slot, "Color"), walk.exponent(slot)),))
 
 

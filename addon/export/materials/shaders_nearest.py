@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..units import mean_fresnel
-from .surface import NOTHING, Surface, Walk, shader_node
+from .surface import DARKER_EDGES, NOTHING, Surface, Walk, shader_node
 from .tree import Slot
 from .values import node_label
+
+CLEAR = "a clear pane: what is behind it shows straight through, neither bent nor blurred"
 
 
 def _note(walk: Walk, slot: Slot, drawn_as: str) -> None:
@@ -17,7 +19,7 @@ def _note(walk: Walk, slot: Slot, drawn_as: str) -> None:
 @shader_node("ShaderNodeBsdfGlass")
 def glass(walk: Walk, slot: Slot) -> Surface:
     """A mirror of the mean reflectance, and straight passage for the rest: right for panes, not for lenses."""
-    _note(walk, slot, "a glossy pane that light passes straight through")
+    _note(walk, slot, CLEAR)
     walk.note_normal(slot)
     color = np.minimum(walk.color(slot, "Color", (1.0, 1.0, 1.0)), 1.0)
     reflect = mean_fresnel(max(walk.number(slot, "IOR", 1.5), 1e-5))
@@ -26,7 +28,7 @@ def glass(walk: Walk, slot: Slot) -> Surface:
 
 @shader_node("ShaderNodeBsdfRefraction", "ShaderNodeBsdfRayPortal")
 def passage(walk: Walk, slot: Slot) -> Surface:
-    _note(walk, slot, "transparent, without bending light")
+    _note(walk, slot, CLEAR)
     return Surface(transparency=np.minimum(walk.color(slot, "Color", (1.0, 1.0, 1.0)), 1.0))
 
 
@@ -39,7 +41,7 @@ def passage(walk: Walk, slot: Slot) -> Surface:
     "ShaderNodeBsdfHairPrincipled",
 )
 def matte(walk: Walk, slot: Slot) -> Surface:
-    _note(walk, slot, "diffuse")
+    _note(walk, slot, "an opaque, matte surface of its colour")
     walk.note_normal(slot)
     return Surface(diffuse=np.minimum(walk.color(slot, "Color", (0.8, 0.8, 0.8)), 1.0))
 
@@ -49,16 +51,16 @@ def toon(walk: Walk, slot: Slot) -> Surface:
     walk.note_normal(slot)
     color = walk.color(slot, "Color")
     if slot.node.component == "GLOSSY":
-        _note(walk, slot, "glossy")
+        _note(walk, slot, "gloss without the hard edge")
         return Surface(lobes=((color, 10.0),))
-    _note(walk, slot, "diffuse")
+    _note(walk, slot, "a matte surface without the hard edge")
     return Surface(diffuse=color)
 
 
 @shader_node("ShaderNodeBsdfMetallic")
 def metallic(walk: Walk, slot: Slot) -> Surface:
-    _note(walk, slot, "glossy, without the change of colour at grazing angles")
-    walk.note_darker_rim()
+    _note(walk, slot, "gloss whose colour stays the same towards the edges")
+    walk.note(DARKER_EDGES)
     walk.note_normal(slot)
     color = np.minimum(walk.color(slot, "Base Color", (0.8, 0.8, 0.8)), 1.0)
     if slot.node.fresnel_type == "PHYSICAL_CONDUCTOR":

@@ -19,25 +19,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..notes import PRINCIPLED_GLOSS
 from ..units import ior_with_specular_level, mean_fresnel
-from .surface import Surface, Walk, shader_node
+from .shaders_nearest import CLEAR
+from .surface import DARKER_EDGES, Surface, Walk, shader_node
 from .tree import Slot
 
 # Input -> what happens to it instead. Named only where it is not zero.
 LEFT_OUT = {
-    "Subsurface Weight": "subsurface is not supported, drawn as diffuse",
+    "Subsurface Weight": "subsurface is not supported, drawn as an opaque surface of its colour",
     "Coat Weight": "coat is not supported and left out",
     "Sheen Weight": "sheen is not supported and left out",
-    "Anisotropic": "anisotropy is not supported, drawn as isotropic",
+    "Anisotropic": "anisotropy is not supported, drawn with round highlights",
     "Thin Film Thickness": "thin film is not supported and left out",
-    "Diffuse Roughness": "diffuse roughness is not supported, drawn as Lambertian",
 }
-
-
-FIXED_GLOSS = (
-    "Principled BSDF's gloss does not rise towards grazing angles here: its average over all angles is that of Cycles, "
-    "seen from one angle a surface can differ by a tenth"
-)
 
 
 def mean_metal(f0: np.ndarray, edge: np.ndarray) -> np.ndarray:
@@ -58,11 +53,13 @@ def principled(walk: Walk, slot: Slot) -> Surface:
     for name, sentence in LEFT_OUT.items():
         if walk.number(slot, name) > 1e-5:
             walk.note(sentence)
+    if walk.number(slot, "Diffuse Roughness") > 1e-5:
+        walk.approximate("diffuse roughness is not supported, drawn without it")
     unlimited = walk.color(slot, "Base Color")
     base = np.minimum(unlimited, 1.0)
     metallic = walk.fraction(slot, "Metallic")
     if metallic > 1e-5:
-        walk.note_darker_rim()
+        walk.note(DARKER_EDGES)
     transmission = walk.fraction(slot, "Transmission Weight")
     alpha = walk.fraction(slot, "Alpha", 1.0)
     tint = walk.color(slot, "Specular Tint", (1.0, 1.0, 1.0))
@@ -75,11 +72,11 @@ def principled(walk: Walk, slot: Slot) -> Surface:
     ks = metallic * share * mean_metal(base, np.minimum(tint, 1.0)) + (1.0 - metallic) * reflect
     kd = (1.0 - metallic) * (1.0 - transmission) * (1.0 - reflect) * unlimited
     if alpha * (1.0 - metallic) * reflect.max() > 0.0:
-        walk.note(FIXED_GLOSS)
+        walk.approximate(PRINCIPLED_GLOSS)
 
     through = np.zeros(3)
     if transmission > 0.0 and metallic < 1.0:
-        walk.note("transmission is not supported, light passes straight through instead of being bent")
+        walk.note(f"transmission is not supported, drawn as {CLEAR}")
         through = (1.0 - metallic) * transmission * (1.0 - reflect) * np.sqrt(base)
     glow = walk.values.color(slot.input("Emission Color"), (1.0, 1.0, 1.0)) * walk.number(slot, "Emission Strength")
     return Surface(

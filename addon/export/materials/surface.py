@@ -7,12 +7,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..notes import APPROXIMATED
 from ..units import LUMINANCE, exponent_to_roughness, rough_share, roughness_to_exponent
 from .memo import Memo
 from .tree import Slot, source
 from .values import Evaluator, node_label
 
 BLACK = np.zeros(3)
+
+# Of what is all gloss: a Phong lobe's albedo falls with the cosine.
+DARKER_EDGES = (
+    "metal and gloss get darker where they turn away from the camera, to half at 60 degrees: in Cycles they stay bright"
+)
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,10 @@ class Walk:
     def note(self, sentence: str) -> None:
         self.values.note(sentence)
 
+    def approximate(self, sentence: str) -> None:
+        """Of what is drawn nearly as asked."""
+        self.values.note(sentence, APPROXIMATED)
+
     def surface(self, slot: Slot | None) -> Surface:
         """Of a shader input; black where nothing is linked. What is no shader there shines, as in Cycles."""
         if slot is None:
@@ -105,10 +115,6 @@ class Walk:
         """What the node's microfacet distribution leaves of its reflectance, see units.py."""
         return rough_share(getattr(slot.node, "distribution", ""), self.fraction(slot, "Roughness", 0.5))
 
-    def note_darker_rim(self) -> None:
-        """Of what is all gloss: a Phong lobe's albedo falls with the cosine."""
-        self.note("the gloss is a Phong lobe here, which darkens towards the rim: to half at 60 degrees")
-
     def note_normal(self, slot: Slot, name: str = "Normal") -> None:
         """Normal maps and bump change nothing here."""
         normal = slot.input(name)
@@ -117,7 +123,7 @@ class Walk:
             self.note(f"{node_label(origin.node)} is not supported, the surface keeps its own normals")
 
 
-def merge_lobes(lobes, note: Callable[[str], None]) -> tuple[np.ndarray, float]:
+def merge_lobes(lobes, note: Callable[..., None]) -> tuple[np.ndarray, float]:
     """One lobe in place of several: their reflectances add, their roughness is averaged by brightness."""
     lobes = [(ks, exponent) for ks, exponent in lobes if ks.max() > 0.0]
     if not lobes:
@@ -127,6 +133,6 @@ def merge_lobes(lobes, note: Callable[[str], None]) -> tuple[np.ndarray, float]:
     if np.allclose(exponents, exponents[0], rtol=1e-6):
         return total, float(exponents[0])
     weights = np.array([ks @ LUMINANCE for ks, _ in lobes])
-    note("several glossy lobes of different roughness are drawn as one")
+    note("several reflections of different roughness are drawn as one", APPROXIMATED)
     roughness = [exponent_to_roughness(exponent) for exponent in exponents]
     return total, roughness_to_exponent(float(np.average(roughness, weights=weights)))

@@ -35,7 +35,7 @@ def value_node(*names: str):
 class Evaluator:
     """Evaluates the sockets of one node tree, and names each kind of node that it can't honour once.
 
-    note(sentence)  called with what is not drawn as asked
+    note(sentence, level)  called with what is not drawn as asked; the level is WARNING unless given
     texture         converter for image nodes, (Evaluator, Slot) -> value or None; it differs between materials
                     (average colour) and worlds (the image itself)
     nearest         values that stand for nodes without a constant value, (bl_idname, output name) -> number
@@ -44,7 +44,7 @@ class Evaluator:
 
     def __init__(
         self,
-        note: Callable[[str], None],
+        note: Callable[..., None],
         texture: Callable,
         nearest: dict | None = None,
         check: Callable[[], None] = lambda: None,
