@@ -69,7 +69,7 @@ def test_the_scenes_show_what_is_measured(materials, shape):
     if shape == "floor":
         assert seen.all()
     else:  # the lower right is in the shade
-        assert not seen[[0, 0, -1, -1], [0, -1, 0, -1]].any() and seen[where].mean() > 0.8
+        assert not seen[[0, 0, -1, -1], [0, -1, 0, -1]].any() and seen[where].mean() > 0.6
 
 
 def test_every_case_is_built_as_it_says(materials):
