@@ -92,7 +92,7 @@ TRIALS = (
         "roulette of Cycles",
         "roulette a quarter milder than Cycles'",
         True,
-        "5 % more rays on the Cornell box",
+        "more rays",
         [(KERNELS + "vertex.py", "ROULETTE_KEEP = np.float32(1.25)", "ROULETTE_KEEP = np.float32(1)")],
     ),
     Trial(

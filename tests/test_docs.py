@@ -67,6 +67,19 @@ def test_the_readme_quotes_the_benchmark() -> None:
     assert rows and f"{begin}{common.markdown(bench_tables.short(rows))}{end}" in read(README)
 
 
+# Of confidence, of tests' levels, and what tests and settings tolerate: they are chosen.
+CHOSEN = {"95 %", "99 %", "99.9 %", "99.75 %", "0.2 %", "1 %", "2 %"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_measured_percentages_stand_in_tables(page: Path) -> None:
+    """In those of benchmarks/results/, which a page quotes between two marks or links to: a figure in the text would
+    stay as it is when the table is renewed."""
+    text = re.sub(r"<!-- .*?<!-- its end -->", "", read(page), flags=re.DOTALL)
+    found = re.findall(r"[\d.,]*\d ?%", text) + re.findall(r"\w+ per cents?", text)
+    assert sorted(set(found) - CHOSEN - {"a per cent"}) == []
+
+
 def test_the_settings_page_lists_every_setting() -> None:
     rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", read(REPOSITORY / "docs" / "settings.md"), re.MULTILINE))
     assert rows.pop("viewport_samples") and rows.pop("use_denoising")  # of the add-on alone

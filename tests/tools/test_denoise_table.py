@@ -1,0 +1,87 @@
+"""benchmarks/denoise.py: its figures on made-up renders."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tools.blender_render import ToolError
+
+
+@pytest.fixture(scope="module")
+def denoise(repository):
+    spec = importlib.util.spec_from_file_location("benchmarks_denoise", repository / "benchmarks" / "denoise.py")
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(repository / "benchmarks"))
+        spec.loader.exec_module(module)
+        yield module
+
+
+def rounds(*pairs: tuple[float, float]) -> list[dict]:
+    return [{"seconds": {"total": seconds}, "relMSE": error} for seconds, error in pairs]
+
+
+@pytest.fixture
+def found(denoise):
+    return {
+        denoise.NOISY: rounds((1.0, 0.3), (2.0, 0.1)),
+        denoise.DENOISED: rounds((1.5, 0.03), (3.0, 0.01)),
+        denoise.GUIDED: rounds((2.0, 0.015), (4.0, 0.025)),
+        denoise.MORE: rounds((1.4, 0.2), (3.2, 0.1)),
+    }
+
+
+def test_as_many_samples_as_take_as_long(denoise, found):
+    assert denoise.samples_for(found, 16) == 24
+    quicker = found | {denoise.DENOISED: rounds((0.9, 0.0), (0.9, 0.0))}
+    assert denoise.samples_for(quicker, 16) == 16
+
+
+def test_a_row_is_beside_the_noisy_picture(denoise, found):
+    row = denoise.row("lamps", found, 24, 1e-4, denoise.parse(["--runs", "2"]))
+    assert (row["relMSE"], row["denoising, s"], row["samples in that time"]) == ("2.00e-01", "0.75", 24)
+    assert row["denoised: relMSE / noisy"] == "0.100"
+    assert row["denoised: time / noisy"] == "1.50 (1.50 to 1.50)"
+    assert row["with Denoising Data: time / noisy"] == "2.00 (2.00 to 2.00)"
+    assert row["more samples: relMSE / noisy"] == "0.750"
+    line = denoise.short([{key: str(value) for key, value in row.items()}]).splitlines()[2]
+    assert line == "| lamps | 16 | 0.100 (1.50) | 0.100 (2.00) | 0.750 (1.50) |"
+    assert denoise.short([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("way", "ticked"),
+    [("noisy", (False, False)), ("denoised", (True, False)), ("with Denoising Data", (True, True)),
+     ("more samples", (False, False))],
+)  # fmt: skip
+def test_each_way_ticks_its_boxes(denoise, monkeypatch, way, ticked):
+    scene = SimpleNamespace(lobe=SimpleNamespace(), view_layers=[SimpleNamespace(lobe=SimpleNamespace())])
+    seen = []
+
+    def render(scene, engine, samples, seed):
+        seen.append((scene.lobe.use_denoising, scene.view_layers[0].lobe.denoising_data, samples, seed))
+        return np.ones((2, 2, 3)), {"warnings": []}
+
+    monkeypatch.setattr(denoise.common, "render", render)
+    seeds = itertools.count(1)
+    for _ in range(2):
+        assert denoise.shoot(scene, way, 7, seeds, np.ones((2, 2, 3)))["relMSE"] == 0.0
+    assert seen == [(*ticked, 7, 1), (*ticked, 7, 2)]
+
+
+def test_a_picture_that_stays_noisy_is_no_measure(denoise, monkeypatch):
+    scene = SimpleNamespace(lobe=SimpleNamespace(), view_layers=[SimpleNamespace(lobe=SimpleNamespace())])
+    report = {"warnings": ["the picture is not denoised: this Blender has no OpenImageDenoise library"]}
+    monkeypatch.setattr(denoise.common, "render", lambda *_: (np.ones((2, 2, 3)), report))
+    with pytest.raises(ToolError, match="not denoised"):
+        denoise.shoot(scene, denoise.DENOISED, 1, itertools.count(1), np.ones((2, 2, 3)))
+
+
+def test_the_settings_page_quotes_the_table(denoise):
+    quoted = denoise.PAGE.read_text(encoding="utf-8").split(denoise.MARKS[0])[1].split(denoise.MARKS[1])[0]
+    assert quoted == denoise.short(denoise.common.read_table("denoise", denoise.common.RESULTS))
