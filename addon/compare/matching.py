@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -147,8 +148,10 @@ def _phong(scene, keeper: Keeper) -> Unmatched:
         return Unmatched([f"{stand_in}: it is linked from another file"], [])
     try:
         peer.use_osl_phong(scene, keeper.put, keeper.at_end)
-    except (ImportError, AttributeError, RuntimeError) as error:
-        return Unmatched([f"{stand_in}: this Blender's Cycles has no Open Shading Language ({error})"], [])
+    except peer.NoShader as error:
+        if error.said:
+            print(f"Lobe: Cycles' shader compiler said: {error.said}", file=sys.stderr)
+        return Unmatched([f"{stand_in}: {error}"], [])
     return Unmatched([], [OSL_IS_SLOWER])
 
 

@@ -292,14 +292,33 @@ def test_phong_surfaces_are_exact_in_cycles_for_the_while(phong) -> None:
 def test_without_open_shading_language_that_is_listed(phong, monkeypatch) -> None:
     before = state(phong)
 
-    def fail(source: str) -> str:
-        raise RuntimeError("no compiler")
+    import _cycles
 
-    monkeypatch.setattr(peer, "_compile_osl", fail)
+    monkeypatch.delattr(_cycles, "osl_compile")
     bpy.ops.lobe.compare_with_cycles()
     assert state(phong) == before
     (line,) = unmatched(phong)
-    assert "'Phong BSDF'" in line and "comes near the Phong lobe" in line and "no compiler" in line
+    assert "'Phong BSDF'" in line and "comes near the Phong lobe" in line
+    assert line.endswith(": this Blender's Cycles has no Open Shading Language")
+    outcome = operators.outcome_of(phong)
+    assert outcome.different == [line] and not compare.headline_of(outcome).speedup
+
+
+def test_what_the_shader_compiler_says_is_for_the_log(phong, monkeypatch, capfd) -> None:
+    """It writes to standard error by itself, from C++, with the path of a file that is gone by then."""
+    monkeypatch.setattr(peer, "OSL_SOURCE", "shader phong() { nonsense }")
+    with compare.run.Keeper() as keeper:
+        found = compare.run.matching.prepare(phong, keeper, 0.0)
+    (line,) = found.different
+    assert line.endswith(": the Open Shading Language of this Blender's Cycles doesn't work")
+    (log,) = [line for line in capfd.readouterr().err.splitlines() if "nonsense" in line]
+    assert log.startswith("Lobe: Cycles' shader compiler said: ")
+
+
+def test_a_shader_that_compiles_leaves_nothing_in_the_log(phong, capfd) -> None:
+    with compare.run.Keeper() as keeper:
+        compare.run.matching.prepare(phong, keeper, 0.0)
+    assert "compiler said" not in capfd.readouterr().err
 
 
 def test_an_animated_seed_leaves_the_noise_unknown(scene) -> None:
