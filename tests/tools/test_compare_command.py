@@ -49,6 +49,7 @@ def test_a_comparison(repository, tmp_path):
     assert told["headline"] == lines[0] and told["figures"]["speedup"] is None
     assert not any(line.startswith("Speed-up") for line in lines)
     assert "4/4" in done.stderr and "Lobe, 1 of 2" in done.stderr and "Cycles, 2 of 2" in done.stderr
+    assert f"Made the folder {folder}" in done.stderr.splitlines()
     names = {"comparison.html", "comparison.json", "lobe.png", "cycles.png", "difference.png", "flip.png"}
     assert {path.name for path in folder.iterdir()} == names
     assert {line for line in lines if line.startswith("Wrote ")} == {f"Wrote {folder / name}" for name in names}
