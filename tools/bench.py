@@ -196,7 +196,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     with br.quiet_stdout() as say:
         try:
-            return options.question(options, say)
+            code = options.question(options, say)
+            folder = results_folder(options, scene_paths(options.scenes))
+            print(f"bench.py: the tables are in {folder}", file=sys.stderr)
+            return code
         except (br.ToolError, SetupError) as error:
             print(f"bench.py: {error}", file=sys.stderr)
             return 2

@@ -122,7 +122,15 @@ def set_engine(scene, engine: str, as_is: bool = False) -> None:
     if engine == "CYCLES" and not as_is:
         cycles_peer.apply_fair_settings(scene)
         cycles_peer.copy_lobe_settings(scene)
-        cycles_peer.use_osl_phong(scene)
+        try:
+            cycles_peer.use_osl_phong(scene)
+        except cycles_peer.NoShader as error:
+            if error.said:
+                print(f"Cycles' shader compiler said: {error.said}", file=sys.stderr)
+            raise ToolError(
+                f"{error}, so it can't draw the exact Phong lobe of {cycles_peer.PHONG_GROUP_NAME!r}. With render.py's "
+                "--as-is it draws the Glossy BSDF in that node group"
+            ) from error
 
 
 # --- rendering ------------------------------------------------------------------------------------------------

@@ -2,9 +2,9 @@
 
 What the button "Compare with Cycles" does, without a Blender program: two renders of each engine, with settings as
 equal as they come, at equal samples (Lobe's) or for equal seconds. FOLDER gets comparison.html, one file with a slider
-between the pictures, the same pictures as PNG, and comparison.json. Standard output has the figures, and what can't be
-matched; its last line is the JSON. How the figures are made: addon/compare/figures.py. Exit code 0; 2 for what the user
-can mend, 130 after Ctrl-C.
+between the pictures, the same pictures as PNG, and comparison.json. Standard output has what it comes to, the figures,
+what can't be matched, and the files that were written; its last line is the JSON. How the figures are made:
+addon/compare/figures.py. Exit code 0; 2 for what the user can mend, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def compare(options: argparse.Namespace):
         with contextlib.closing(comparison.steps()) as steps, tqdm(total=4, unit=" renders", file=sys.stderr) as bar:
             at_interrupt.append(lambda: os.write(2, b"\n"))  # the bar's line ends where it is
             for step in steps:
-                bar.set_postfix_str(step.engine.capitalize())
+                bar.set_postfix_str(step.text)
                 render_now(step)
                 bar.update()
     except (CompareError, Stopped) as error:
@@ -72,30 +72,37 @@ def compare(options: argparse.Namespace):
 
 
 def data(outcome) -> dict:
-    """For JSON: what isn't known is null."""
+    """For JSON: what isn't known is null, and so is a speed-up that means nothing."""
+    from bl_ext.user_default.lobe.addon.compare import headline_of
+
     values = dataclasses.asdict(outcome)
     values.pop("pictures")
-    figures = values["figures"]
+    headline = headline_of(outcome)
+    figures = values["figures"] | ({} if headline.speedup else {"speedup": math.nan, "speedup_sampling": math.nan})
     values["figures"] = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-    return values
+    return {"headline": headline.text} | values
 
 
-def write(folder: Path, outcome) -> None:
+def write(folder: Path, outcome) -> list[Path]:
+    """The files' paths, the page's last, where it is seen."""
     from bl_ext.user_default.lobe.addon.compare import html
 
     contents = {f"{name}.png": content for name, content in outcome.pictures.items()}
-    contents[PAGE] = html(outcome).encode()
     contents[DATA] = (json.dumps(data(outcome), indent=1) + "\n").encode()
-    with whole_files([folder / name for name in contents]) as unfinished:
+    contents[PAGE] = html(outcome).encode()
+    paths = [folder / name for name in contents]
+    with whole_files(paths) as unfinished:
         for path, content in zip(unfinished, contents.values(), strict=True):
             path.write_bytes(content)
+    return paths
 
 
 def text(outcome) -> str:
-    from bl_ext.user_default.lobe.addon.compare import difference_rows, engine_rows
+    from bl_ext.user_default.lobe.addon.compare import difference_rows, engine_rows, headline_of
 
     rows = [("", "Lobe", "Cycles"), *engine_rows(outcome)]
-    lines = [f"{what:<34}{lobe:>14}{cycles:>14}" for what, lobe, cycles in rows]
+    lines = [headline_of(outcome).text]
+    lines += [f"{what:<34}{lobe:>14}{cycles:>14}" for what, lobe, cycles in rows]
     lines += [f"{what:<34}{value:>28}" for what, value in difference_rows(outcome)]
     lines += ["Not matched:", *(f"  {line}" for line in outcome.unmatched)] if outcome.unmatched else []
     return "\n".join(lines)
@@ -110,11 +117,13 @@ def main(arguments: list[str] | None = None) -> int:
             enable_lobe()
             at_interrupt.append(br.remove_temporary_files)
             outcome = compare(options)
-            write(options.output, outcome)
+            paths = write(options.output, outcome)
         except (br.ToolError, SetupError) as error:
             print(f"compare.py: {error}", file=sys.stderr)
             return 2
         say(text(outcome))
+        for path in paths:
+            say(f"Wrote {path}")
         say(json.dumps(data(outcome)))
     return 0
 

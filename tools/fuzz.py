@@ -178,6 +178,7 @@ def main() -> int:
     print(report.table())
     if options.output:
         options.output.write_text(json.dumps(report.findings, indent=1))
+        print(f"Wrote {options.output}")
     return int(bool(report.findings))
 
 

@@ -143,6 +143,13 @@ def private_folder(name: str) -> Path:
     return folder
 
 
+def make_folder(folder: Path) -> None:
+    """For output, where there is none, and say so: a name may be mistyped. Raises OSError."""
+    if not folder.is_dir():
+        folder.mkdir(parents=True, exist_ok=True)  # another process may have been quicker
+        print(f"Made the folder {folder}", file=sys.stderr)
+
+
 @contextlib.contextmanager
 def _lock(path: Path) -> Iterator[None]:
     """Keeps other processes out. Where there is no fcntl (Windows), nothing does."""

@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 try:
-    from tools.lobe_blender import PRODUCT, REPOSITORY, build, private_folder, validate
+    from tools.lobe_blender import PRODUCT, REPOSITORY, build, make_folder, private_folder, validate
 except ImportError:  # run as a script
-    from lobe_blender import PRODUCT, REPOSITORY, build, private_folder, validate  # type: ignore[no-redef]
+    from lobe_blender import PRODUCT, REPOSITORY, build, make_folder, private_folder, validate  # type: ignore[no-redef]
 
 PACKED = ("embreex", "llvmlite", "numba", "OpenImageIO")
 PYTHONS = ("3.11", "3.13")  # of Blender 4.2 to 5.0, and from 5.1 on (Debian's 4.3 has the newer one, too)
@@ -69,7 +69,7 @@ def build_package(output: Path, target: str, pythons: Sequence[str] = PYTHONS, w
 
     wheels  folder that keeps what was downloaded; None: one of this user's, for all packages.
     """
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output)
     wheels = wheels or private_folder("wheels")
     wheels.mkdir(parents=True, exist_ok=True)
     found = {wheel.name: wheel for python in pythons for wheel in download(target, python, wheels)}
@@ -121,7 +121,7 @@ def main() -> None:
     arguments = parser.parse_args()
     for target in arguments.platform:
         package = build_package(arguments.output, target, arguments.python, arguments.wheels)
-        print(f"{package}  {package.stat().st_size / 1e6:.0f} MB, valid", flush=True)
+        print(f"Wrote {package} ({package.stat().st_size / 1e6:.0f} MB, valid)", flush=True)
 
 
 if __name__ == "__main__":

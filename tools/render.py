@@ -1,11 +1,11 @@
 """Render a .blend on the command line, without a Blender program: `python tools/render.py FILE.blend -o OUT.png`.
 
-Standard error carries a progress bar; the last line of standard output is one JSON object:
-{"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays", "peak_memory_mb",
-"skipped", "warnings"}; what Cycles does not tell is null. With --check nothing is rendered: standard output lists what
-Lobe does not draw as asked, counted, and the exit code is 0 if there is nothing and 1 if there is. What the user can
-mend is said in one line, with exit code 2. Ctrl-C ends it at once with exit code 130; pictures are there whole or not
-at all.
+Standard error carries a progress bar; standard output says which files were written, a line each, and its last line is
+one JSON object: {"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays",
+"peak_memory_mb", "skipped", "warnings"}; what Cycles does not tell is null. With --check nothing is rendered: standard
+output lists what Lobe does not draw as asked, counted, and the exit code is 0 if there is nothing and 1 if there is.
+What the user can mend is said in one line, with exit code 2. Ctrl-C ends it at once with exit code 130; pictures are
+there whole or not at all.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ if str(ROOT) not in sys.path:
 
 from tools import blender_render as br  # noqa: E402
 from tools.interrupt import at_interrupt, end_on_interrupt  # noqa: E402
-from tools.lobe_blender import SetupError, enable_lobe  # noqa: E402
+from tools.lobe_blender import SetupError, enable_lobe, make_folder  # noqa: E402
 
 WRITERS = (".png", ".exr")
+NOTHING = "Nothing: Lobe draws all of this scene as asked."
 
 
 def resolution(text: str) -> tuple[int, int]:
@@ -223,13 +224,12 @@ def check_file(path: Path) -> None:
 
 def check_output(path: Path) -> None:
     """Before the time that a render takes: make the folder, and see that a file can be written there."""
-    folder = path.parent
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        make_folder(path.parent)
+        with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        raise br.ToolError(f"{str(path)!r} cannot be written: {str(folder)!r}: {error.strerror}") from error
+        raise br.ToolError(f"{str(path)!r} cannot be written: {str(path.parent)!r}: {error.strerror}") from error
     if path.is_dir():
         raise br.ToolError(f"{str(path)!r} cannot be written: it is a folder")
 
@@ -245,12 +245,15 @@ def main(arguments: list[str] | None = None) -> int:
             at_interrupt.append(br.remove_temporary_files)
             if options.check:
                 honoured, lines = br.check(prepare(options))
-                say("\n".join(lines))
+                said = [NOTHING, *lines[1:]] if honoured else [f"Scene report of {options.file.name}:", *lines]
+                say("\n".join(said))
                 return 0 if honoured else 1
             report = run(options)
         except (br.ToolError, SetupError) as error:
             print(f"render.py: {error}", file=sys.stderr)
             return 2
+        for path in options.output:
+            say(f"Wrote {path}")
         say(json.dumps(report))
     return 0
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import bpy
 
@@ -26,7 +28,14 @@ class CompareError(Exception):
     """The comparison can't be made; the text says why and what to do."""
 
 
-def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
+class Unmatched(NamedTuple):
+    """What can't be matched, as sentences."""
+
+    different: list[str]  # the engines draw different things, and their times don't compare
+    others: list[str]  # what else there is to know
+
+
+def prepare(scene, keeper: Keeper, seconds: float) -> Unmatched:
     """Settings of both engines for a comparison: of equal samples, Lobe's, or where `seconds` isn't 0 of equal time.
 
     Returns what can't be matched, so far.
@@ -43,23 +52,25 @@ def prepare(scene, keeper: Keeper, seconds: float) -> list[str]:
     for key in ("use_adaptive_sampling", "use_denoising"):  # their thresholds don't mean the same, nor their filters
         if hasattr(lobe, key):
             keeper.put(lobe, key, False)
-    missing = _left_out(render)
+    others = _left_out(render) + _passes(scene)
     for key in ("use_compositing", "use_sequencer", "use_multiview", "use_persistent_data"):
         keeper.put(render, key, False)
     if render.use_border:
         keeper.put(render, "use_crop_to_border", True)
     # Adds an entry to the metadata in place of the file's path.
     keeper.put(render, "use_stamp_filename", False)
-    missing += _linked_objects() + _passes(scene)
+    different = _linked_objects()
     peer.apply_fair_settings(scene, keeper.put)
     peer.copy_lobe_settings(scene, keeper.put)
     keeper.put(scene.cycles, "time_limit", seconds)
-    missing += _phong(scene, keeper)
-    return missing + [
+    phong = _phong(scene, keeper)
+    others += phong.others
+    others += [
         f"Lobe's {lobe.bl_rna.properties[key].name} is {getattr(lobe, key).capitalize()}, for which Cycles has nothing"
         for key in LOBES_OWN
         if lobe.is_property_set(key) and getattr(lobe, key) != lobe.bl_rna.properties[key].default
     ]
+    return Unmatched(different + phong.different, others)
 
 
 def _quiet_viewports(keeper: Keeper) -> None:
@@ -125,20 +136,22 @@ def _linked_objects() -> list[str]:
     return [f"Linked objects keep Cycles' shadow terminator offset, which Lobe doesn't have: {_listed(names)}"]
 
 
-def _phong(scene, keeper: Keeper) -> list[str]:
+def _phong(scene, keeper: Keeper) -> Unmatched:
     """The exact Phong lobe in Cycles, where it can do that; else its own stand-in is what it draws."""
     groups = peer.phong_groups()
     names = _listed([tree.name for tree in groups])
     stand_in = f"Cycles draws the node group {names} with a Glossy BSDF that only comes near the Phong lobe"
     if not groups:
-        return []
+        return Unmatched([], [])
     if any(tree.library is not None for tree in groups):
-        return [f"{stand_in}: it is linked from another file"]
+        return Unmatched([f"{stand_in}: it is linked from another file"], [])
     try:
         peer.use_osl_phong(scene, keeper.put, keeper.at_end)
-    except (ImportError, AttributeError, RuntimeError) as error:
-        return [f"{stand_in}: this Blender's Cycles has no Open Shading Language ({error})"]
-    return [OSL_IS_SLOWER]
+    except peer.NoShader as error:
+        if error.said:
+            print(f"Lobe: Cycles' shader compiler said: {error.said}", file=sys.stderr)
+        return Unmatched([f"{stand_in}: {error}"], [])
+    return Unmatched([], [OSL_IS_SLOWER])
 
 
 def _listed(names: list[str], most: int = 8) -> str:

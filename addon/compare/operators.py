@@ -10,11 +10,14 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..check import is_rendering, may_render
+from ..scene_report import redraw_properties
 from . import pictures
+from .headline import headline_of
 from .page import difference_rows, engine_rows, html
 from .run import CompareError, Comparison, Outcome, Step, Stopped
 
 IMAGE = "Lobe | Cycles | difference"
+PLACES = f"The pictures are in the render slots Lobe and Cycles, side by side in the image {IMAGE!r}"
 LOOK = 0.1  # seconds between two looks at a render that runs beside the window
 
 _MODE = {
@@ -38,6 +41,7 @@ _SECONDS = {
 }
 
 _outcomes: dict[int, Outcome] = {}
+_running = ""  # what the comparison beside the window is at
 
 
 class LobeCompareSettings(bpy.types.PropertyGroup):
@@ -50,6 +54,11 @@ class LobeCompareSettings(bpy.types.PropertyGroup):
 def outcome_of(scene) -> Outcome | None:
     """None for a scene that wasn't compared since its file was opened."""
     return _outcomes.get(scene.session_uid)
+
+
+def running() -> str:
+    """Which render of a comparison runs beside the window, or nothing."""
+    return _running
 
 
 def render_now(step: Step, how: str = "EXEC_DEFAULT") -> set[str]:
@@ -116,7 +125,8 @@ settings stay as they are"""
         """The next render, or the end."""
         try:
             step = next(self._steps)
-            context.workspace.status_text_set(f"{step.text}  |  Escape: stop")
+            _tell(context, f"Comparing: {step.text}")
+            redraw_properties()
             if "CANCELLED" in render_now(step, "INVOKE_DEFAULT"):
                 raise CompareError("Blender did not begin the render")
         except StopIteration:
@@ -133,10 +143,10 @@ settings stay as they are"""
     def _tidy(self, context) -> None:
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
+        _tell(context, "")
 
     def _failed(self, error: Exception):
+        redraw_properties()
         if isinstance(error, Stopped):
             self.report({"INFO"}, "Lobe: the comparison was stopped, your settings are as before")
         else:
@@ -147,13 +157,33 @@ settings stay as they are"""
         outcome = comparison.outcome
         _outcomes[comparison.scene.session_uid] = outcome
         _show(context, comparison.strip)
+        page = _write_page(outcome)
+        redraw_properties()
         for what, lobe, cycles in engine_rows(outcome):
             self.report({"INFO"}, f"{what}: Lobe {lobe}, Cycles {cycles}")
         for line in outcome.unmatched:
             self.report({"INFO"}, f"Not matched: {line}")
         rows = ", ".join(f"{what} {value}" for what, value in difference_rows(outcome))
-        self.report({"INFO"}, f"Lobe against Cycles: {rows}")  # last, where the status bar shows it
+        self.report({"INFO"}, f"Lobe against Cycles: {rows}")
+        self.report({"INFO"}, f"{PLACES}; the page is {str(page)!r}")
+        # Last, where the status bar shows it.
+        self.report({"INFO"}, f"Compared. {headline_of(outcome).text}. See Render properties > Compare")
         return {"FINISHED"}
+
+
+def _tell(context, text: str) -> None:
+    """In the status bar, and in the panel."""
+    global _running
+    _running = text
+    if context.workspace is not None:
+        context.workspace.status_text_set(f"{text}  |  Escape: stop" if text else None)
+
+
+def _write_page(outcome: Outcome) -> Path:
+    """Into Blender's temporary folder, which is gone with it."""
+    path = Path(bpy.app.tempdir, "lobe_comparison.html")
+    path.write_text(html(outcome), encoding="utf-8")
+    return path
 
 
 def _show(context, strip) -> None:
@@ -206,9 +236,8 @@ figures and settings"""
         return context.scene is not None and outcome_of(context.scene) is not None
 
     def execute(self, context):
-        path = Path(bpy.app.tempdir, "lobe_comparison.html")
-        path.write_text(html(outcome_of(context.scene)), encoding="utf-8")
-        bpy.ops.wm.url_open(url=path.as_uri())
+        page = _write_page(outcome_of(context.scene))
+        bpy.ops.wm.url_open(url=page.as_uri())
         return {"FINISHED"}
 
 

@@ -7,6 +7,7 @@ import math
 from html import escape
 
 from . import pictures
+from .headline import headline_of, times
 from .run import ENGINES, Outcome
 
 SMALL = 640  # pixels: a picture that is narrower shows its pixels when it is scaled up
@@ -21,6 +22,7 @@ body { font: 15px/1.55 system-ui, sans-serif; color: var(--ink); background: var
   margin: 2.5rem auto; padding: 0 1.25rem }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 0 } h2 { font-size: 1.1rem; margin: 2.5rem 0 .6rem }
 p { max-width: 46rem } .dim, figcaption, th { color: var(--dim) } .dim { margin: .3rem 0 1.5rem }
+.headline { font-size: 1.15rem; font-weight: 600; margin: 0 0 1.2rem; max-width: none }
 .slider { position: relative; background: #000; border-radius: 6px; overflow: hidden; --at: 50% }
 .slider img { display: block; width: 100%; user-select: none }
 .slider img + img { position: absolute; inset: 0; clip-path: inset(0 0 0 var(--at)) }
@@ -62,9 +64,10 @@ All of these are relative squared errors (relMSE), divided by the squared bright
 renders has around each pixel. Noise falls like 1 / samples, so to the noise of Lobe's picture Cycles would need
 noise(Cycles) / noise(Lobe) times the sampling time that it took here: that, with its preparation, over Lobe's time is
 the speed-up at equal error. Its standard error comes from the noise alone, by its spread over the pixels, which a few
-bright specks make large; how much the times wander is not in it. FLIP (Andersson et al. 2020) says how different the
-two pictures look to someone who flips between them on a screen: 0 alike, 1 as different as can be. It is taken of the
-pictures as shown, noise included.
+bright specks make large; how much the times wander is not in it. No speed-up is said where it would mean nothing: where
+the pictures differ in earnest, where the engines were not asked for the same, and where its standard error is half as
+large as itself or larger. FLIP (Andersson et al. 2020) says how different the two pictures look to someone who flips
+between them on a screen: 0 alike, 1 as different as can be. It is taken of the pictures as shown, noise included.
 """
 # Student's t of two degrees of freedom: P(|t| > 1) is 0.42, and |t| is below 4.30 in 95 % of cases.
 OF_TWO_SEEDS = (
@@ -80,6 +83,7 @@ def html(outcome: Outcome) -> str:
         [
             f"<h1>{escape(title)}</h1>",
             f'<p class="dim">{escape(subtitle(outcome))}</p>',
+            f'<p class="headline">{escape(headline_of(outcome).text)}</p>',
             _slider(outcome),
             _cards(outcome),
             "<h2>Figures</h2>",
@@ -87,7 +91,7 @@ def html(outcome: Outcome) -> str:
             _table([("", "Lobe against Cycles"), *difference_rows(outcome)]),
             f'<p class="dim">{escape(OF_TWO_SEEDS)}</p>',
             _maps(outcome),
-            "<h2>What can't be matched</h2>",
+            "<h2>Not Matched</h2>",
             _unmatched(outcome),
             "<h2>Settings that were changed for the comparison</h2>",
             _table([("Setting", "In the file", "Here"), *outcome.changed]) if outcome.changed else "<p>None.</p>",
@@ -133,22 +137,21 @@ def _samples(outcome: Outcome, engine: str) -> str:
 
 
 def difference_rows(outcome: Outcome) -> list[tuple[str, str]]:
+    """(what, the figure); those of the speed-up only where they mean something."""
     found = outcome.figures
+    rows = []
+    if headline_of(outcome).speedup:
+        rows = [
+            ("Speed-up at equal error", f"{times(found.speedup, found.ratio_error)} x"),
+            ("the same, sampling alone", f"{times(found.speedup_sampling, found.ratio_error)} x"),
+        ]
     return [
-        ("Speed-up at equal error", times(found.speedup, found.ratio_error)),
-        ("the same, sampling alone", times(found.speedup_sampling, found.ratio_error)),
+        *rows,
         ("Difference of means", f"{found.mean_difference:+.2%} ± {found.mean_difference_error:.2%}"),
         ("relMSE between the pictures", number(found.rel_mse, ".1e")),
         ("of it without the noise of both", f"{found.difference:.1e} ± {found.difference_error:.0e}"),
         ("FLIP", number(found.flip, ".4f")),
     ]
-
-
-def times(ratio: float, error: float = 0.0) -> str:
-    """error: of the ratio, relative."""
-    if not math.isfinite(ratio):
-        return "not known"
-    return f"{ratio:.2f} ± {ratio * error:.2f} x" if error else f"{ratio:.2f} x"
 
 
 def number(value: float, form: str) -> str:
@@ -178,13 +181,14 @@ def _slider(outcome: Outcome) -> str:
 
 def _cards(outcome: Outcome) -> str:
     found = outcome.figures
+    speed = f"{times(found.speedup, found.ratio_error)} x" if headline_of(outcome).speedup else ""
     cards = (
-        (times(found.speedup), "speed-up at equal error: Cycles' time over Lobe's"),
+        (speed, "speed-up at equal error: Cycles' time over Lobe's"),
         (f"{found.mean_difference:+.2%}", "difference of the pictures' means, Lobe against Cycles"),
         (number(found.rel_mse, ".2g"), "relMSE between the pictures, noise of both included"),
         (number(found.flip, ".3f"), "FLIP: how different they look, 0 to 1"),
     )
-    return '<div class="cards">' + "".join(f"<div><strong>{a}</strong>{b}</div>" for a, b in cards) + "</div>"
+    return '<div class="cards">' + "".join(f"<div><strong>{a}</strong>{b}</div>" for a, b in cards if a) + "</div>"
 
 
 def _table(rows: list[tuple[str, ...]]) -> str:

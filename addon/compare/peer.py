@@ -9,9 +9,11 @@ put(owner, key, value) makes each change, so that whoever wants to can take it b
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 Put = Callable[[object, str, object], None]
@@ -48,6 +50,14 @@ FAIR = {
     "direct_light_sampling_type": "MULTIPLE_IMPORTANCE_SAMPLING",
     "device": "CPU",
 }
+
+
+class NoShader(Exception):
+    """Cycles can't draw the exact Phong lobe here; the text says why."""
+
+    def __init__(self, text: str, said: str = "") -> None:
+        super().__init__(text)
+        self.said = said  # by its compiler, in one line: for a log
 
 
 def apply_fair_settings(scene, put: Put = setattr) -> None:
@@ -120,7 +130,7 @@ def use_osl_phong(scene, put: Put = setattr, at_end: Callable[[Callable[[], None
     """Put the exact Phong closure into every `Phong BSDF` group and switch Cycles to Open Shading Language.
 
     at_end is given what undoes each change of a group. Returns whether the file has such a group; without one the
-    shading system stays as it is (it is the faster).
+    shading system stays as it is (it is the faster). Raises NoShader.
     """
     groups = phong_groups()
     for tree in groups:
@@ -156,11 +166,33 @@ def _add_osl_node(tree):
 
 
 def _compile_osl(source: str) -> str:
-    import _cycles
-
+    try:
+        from _cycles import osl_compile
+    except ImportError as error:
+        raise NoShader("this Blender's Cycles has no Open Shading Language") from error
     with tempfile.TemporaryDirectory() as folder:
-        osl, oso = Path(folder, "phong.osl"), Path(folder, "phong.oso")
+        osl, oso, said = (Path(folder, name) for name in ("phong.osl", "phong.oso", "said"))
         osl.write_text(source)
-        if not _cycles.osl_compile(str(osl), str(oso)):
-            raise RuntimeError("Cycles could not compile the Open Shading Language Phong shader")
+        with _stderr_to(said):
+            compiled = osl_compile(str(osl), str(oso))
+        if not compiled:
+            text = "the Open Shading Language of this Blender's Cycles doesn't work"
+            raise NoShader(text, " / ".join(said.read_text(errors="replace").split("\n")[:-1]))
         return oso.read_text()
+
+
+@contextlib.contextmanager
+def _stderr_to(path: Path) -> Iterator[None]:
+    """Standard error goes to a file for the while, also what is written from C++, as the compiler's messages are."""
+    with path.open("wb") as file:
+        try:
+            real = os.dup(2)
+        except OSError:  # a Blender for Windows without its console: then nobody reads it
+            yield
+            return
+        try:
+            os.dup2(file.fileno(), 2)
+            yield
+        finally:
+            os.dup2(real, 2)
+            os.close(real)

@@ -34,14 +34,17 @@ class Stopped(Exception):
 class Step(NamedTuple):
     """A render that is to be made now. layer: name of the only view layer to render, or empty."""
 
-    number: int
+    number: int  # of all renders, from 1
     engine: str
     scene: str
     layer: str
 
     @property
     def text(self) -> str:
-        return f"Comparing Lobe with Cycles: {NAMES[self.engine]}, render {self.number} of {len(ORDER)}"
+        """ "Cycles, 1 of 2" """
+        engines = [engine for engine, _ in ORDER]
+        of_engine = engines[: self.number].count(self.engine)
+        return f"{NAMES[self.engine]}, {of_engine} of {engines.count(self.engine)}"
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class Outcome:
     difference_range: float
     changed: list[tuple[str, str, str]]
     unmatched: list[str]
+    different: list[str]  # those of them with which the engines draw different things, and times don't compare
     threads: str
 
 
@@ -136,7 +140,7 @@ class Comparison:
         with Keeper() as keeper:
             unmatched = matching.prepare(self.scene, keeper, self.seconds)
             if self._layer:
-                unmatched.append(f"Of several view layers only {self._layer!r} is compared")
+                unmatched.others.append(f"Of several view layers only {self._layer!r} is compared")
             settings = matching.changed(keeper.changes)
             slots = _Slots(keeper)
             seeds = _seeds(self.scene.lobe.seed)
@@ -150,7 +154,8 @@ class Comparison:
                     raise Stopped
                 slots.found(NAMES[engine])
                 renders[engine, which] = self._take(engine, watch)
-            self.outcome = self._measured(renders, settings, unmatched + matching.not_drawn(self.scene))
+            unmatched.different.extend(matching.not_drawn(self.scene))
+            self.outcome = self._measured(renders, settings, unmatched)
 
     def _choose(self, keeper: Keeper, engine: str, seed: int) -> None:
         scene = self.scene
@@ -184,7 +189,7 @@ class Comparison:
             samples = float(watch.samples if self.seconds else scene.cycles.samples)
         return _Render(pixels[..., :3], pictures.seen(scene), samples, timing)
 
-    def _measured(self, renders, settings, unmatched: list[str]) -> Outcome:
+    def _measured(self, renders, settings, unmatched: matching.Unmatched) -> Outcome:
         shown = {engine: renders[engine, 0] for engine in ENGINES}
         lobe, cycles = (np.stack([renders[engine, which].pixels for which in (0, 1)]) for engine in ENGINES)
         times = {engine: _quicker(renders[engine, 0].timing, renders[engine, 1].timing) for engine in ENGINES}
@@ -194,13 +199,13 @@ class Comparison:
         end = pictures.map_range(apart)
         difference = pictures.colored(apart, -end, end, pictures.SIGNS)
         self.strip = pictures.strip(shown["LOBE"].seen, shown["CYCLES"].seen, difference)
-        unmatched += [
+        unmatched.others.extend(
             f"Both renders of {NAMES[engine]} are the same, so its noise isn't known: is its seed animated?"
             for engine, noise in zip(ENGINES, (found.noise_lobe, found.noise_cycles), strict=True)
             if np.isnan(noise)
-        ]
+        )
         if times["CYCLES"].sampling < figures.SHORTEST:
-            unmatched.append("The renders are too short to be timed, so there is no speed-up: take more samples")
+            unmatched.others.append("The renders are too short to be timed: take more samples")
         return Outcome(
             scene=self._name,
             size=(shown["LOBE"].seen.shape[1], shown["LOBE"].seen.shape[0]),
@@ -216,7 +221,8 @@ class Comparison:
             },
             difference_range=end,
             changed=settings,
-            unmatched=unmatched,
+            unmatched=unmatched.different + unmatched.others,
+            different=unmatched.different,
             threads=str(self.scene.render.threads),
         )
 

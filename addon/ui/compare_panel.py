@@ -1,15 +1,17 @@
-"""Compare with Cycles: the button, and the figures of the newest comparison."""
+"""Compare with Cycles: the button, what a comparison is at, and what came of the newest one."""
 
 from __future__ import annotations
 
 import bpy
 
-from ..compare import difference_rows, engine_rows
+from ..compare import difference_rows, engine_rows, headline_of
 from ..compare.operators import (
+    PLACES,
     LOBE_OT_compare_with_cycles,
     LOBE_OT_open_comparison,
     LOBE_OT_save_comparison,
     outcome_of,
+    running,
 )
 from .panel import LobePanel
 from .text import draw_text
@@ -40,22 +42,29 @@ class LOBE_RENDER_PT_compare(LobePanel, bpy.types.Panel):
             column.prop(settings, "seconds")
         button = self.layout.operator(LOBE_OT_compare_with_cycles.bl_idname, icon="IMAGE_RGB")
         button.mode, button.seconds = settings.mode, settings.seconds
+        if running():
+            draw_text(self.layout, context, f"{running()}. Escape stops it", "TIME")
+            return
         outcome = outcome_of(context.scene)
         if outcome is None:
             draw_text(self.layout, context, "Four renders: two of each engine. Your settings stay as they are")
             return
-        _draw_rows(self.layout.box(), [("", "Lobe", "Cycles"), *engine_rows(outcome)])
-        _draw_rows(self.layout.box(), difference_rows(outcome))
+        headline = headline_of(outcome)
+        draw_text(self.layout, context, headline.text, "CHECKMARK" if headline.speedup else "ERROR")
+        draw_text(
+            self.layout, context, f"Done. {PLACES}. The page goes when another file is opened, unless you save it"
+        )
         row = self.layout.row(align=True)
         row.operator(LOBE_OT_open_comparison.bl_idname, icon="URL")
         row.operator(LOBE_OT_save_comparison.bl_idname, icon="FILE_TICK")
+        _draw_rows(self.layout.box(), [("", "Lobe", "Cycles"), *engine_rows(outcome)])
+        _draw_rows(self.layout.box(), difference_rows(outcome))
 
 
 class LOBE_RENDER_PT_compare_unmatched(LobePanel, bpy.types.Panel):
     bl_label = "Not Matched"
     bl_parent_id = "LOBE_RENDER_PT_compare"
     bl_context = "render"
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context) -> bool:

@@ -64,8 +64,10 @@ def steps():
     press()
     yield from until(rendering)
     SEEN["changed meanwhile"] = settings() != before
+    SEEN["said meanwhile"] = operators.running()
     yield from until(lambda: not running())
     SEEN["as before"] = settings() == before
+    SEEN["said afterwards"] = operators.running()
     outcome = operators.outcome_of(scene)
     SEEN["size"], SEEN["noise"] = outcome.size, [outcome.figures.noise_lobe, outcome.figures.noise_cycles]
     editors = [a for w in bpy.context.window_manager.windows for a in w.screen.areas if a.type == "IMAGE_EDITOR"]

@@ -640,21 +640,45 @@ def test_presets_hang_in_a_panels_header(classes, kind: str) -> None:
     assert layout.shown.count(("popover", f"LOBE_PT_{kind}_presets")) == 1
 
 
-def test_the_comparison(classes) -> None:
-    panel, unmatched = (find(classes, f"LOBE_RENDER_PT_compare{which}") for which in ("", "_unmatched"))
+def comparison(scene, mean_difference: float, unmatched: list[str], different: list[str]) -> None:
+    """As if there had been one of this scene: the speed-up is 3.25."""
     module = sys.modules[f"{MODULE}.addon.compare"]
-    operators = sys.modules[f"{MODULE}.addon.compare.operators"]
-    context = fake_context()
-    assert ("operator", "lobe.compare_with_cycles") in draw(panel, context) and not unmatched.poll(context)
-    assert ("operator", "lobe.open_comparison") not in draw(panel, context)
-    figures = module.run.Figures(0.01, 0.002, 0.1, 0.001, 0.0005, 0.02, 0.04, 0.05, 3.25, 3.5, 0.1)
-    both = {"LOBE": module.run.Timing(1.0, 0.9), "CYCLES": module.run.Timing(2.0, 1.9)}
-    operators._outcomes[context.scene.session_uid] = module.Outcome(
-        "Scene", (8, 8), 0.0, {"LOBE": 4.0, "CYCLES": 4.0}, both, figures, {}, 0.5, [], ["bump is not drawn"], "2"
+    figures = module.run.Figures(mean_difference, 0.002, 0.1, 0.001, 0.0005, 0.02, 0.04, 0.05, 3.25, 3.5, 0.1)
+    times = {"LOBE": module.run.Timing(1.0, 0.9), "CYCLES": module.run.Timing(2.0, 1.9)}
+    sys.modules[f"{MODULE}.addon.compare.operators"]._outcomes[scene.session_uid] = module.Outcome(
+        "Scene", (8, 8), 0.0, {"LOBE": 4.0, "CYCLES": 4.0}, times, figures, {}, 0.5, [], unmatched, different, "2"
     )
-    shown = texts(panel, context)
-    assert "Speed-up" in shown and "3.25 ± 0.33 x" in shown and "+1.00% ± 0.20%" in shown
-    assert not any(long in shown for long in sys.modules[panel.__module__].SHORT)
-    assert ("operator", "lobe.open_comparison") in draw(panel, context)
-    assert unmatched.poll(context) and "bump is not drawn" in texts(unmatched, context)
-    operators._outcomes.clear()
+
+
+@pytest.fixture
+def compare_panel(classes):
+    yield find(classes, "LOBE_RENDER_PT_compare")
+    sys.modules[f"{MODULE}.addon.compare.operators"]._outcomes.clear()
+
+
+def test_the_comparison(classes, compare_panel) -> None:
+    unmatched, context = find(classes, "LOBE_RENDER_PT_compare_unmatched"), fake_context()
+    assert ("operator", "lobe.compare_with_cycles") in draw(compare_panel, context) and not unmatched.poll(context)
+    assert ("operator", "lobe.open_comparison") not in draw(compare_panel, context)
+    comparison(context.scene, 0.01, ["passes are ticked"], [])
+    shown = texts(compare_panel, context)
+    assert shown.startswith("Lobe is 3.2 ± 0.4 times as fast as Cycles at equal error Done. ")
+    assert "in the render slots Lobe and Cycles" in shown
+    assert "Speed-up" in shown and "3.2 ± 0.4 x" in shown and "+1.00% ± 0.20%" in shown
+    assert not any(long in shown for long in sys.modules[compare_panel.__module__].SHORT)
+    assert ("operator", "lobe.open_comparison") in draw(compare_panel, context)
+    assert unmatched.poll(context) and "passes are ticked" in texts(unmatched, context)
+    assert "DEFAULT_CLOSED" not in getattr(unmatched, "bl_options", set())
+
+
+def test_the_comparison_says_first_that_pictures_differ(compare_panel) -> None:
+    context, lines = fake_context(), ["bump is not drawn"]
+    comparison(context.scene, 0.2, lines, lines)
+    shown = texts(compare_panel, context)
+    assert shown.startswith("The pictures differ: in the mean by +20.00% ± 0.20% (1 reason under Not Matched), so no")
+    assert "3.2" not in shown and "Speed-up" not in shown and "Means" in shown
+
+
+def test_the_panel_says_which_render_of_a_comparison_runs(compare_panel, monkeypatch) -> None:
+    monkeypatch.setattr(sys.modules[f"{MODULE}.addon.compare.operators"], "_running", "Comparing: Cycles, 1 of 2")
+    assert texts(compare_panel, fake_context()) == "Comparing: Cycles, 1 of 2. Escape stops it"

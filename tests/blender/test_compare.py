@@ -107,7 +107,7 @@ def test_a_comparison(scene) -> None:
     assert rows["Cycles: Samples"] == ("77", "1024") and rows["Cycles: Use Denoising"] == ("on", "off")
     assert rows["Cycles: Clamp Indirect"] == ("10", "0") and rows["Lobe: Time Limit"] == ("100", "0")
     assert not any("Seed" in what or "Engine" in what for what in rows)  # each render has another one
-    assert outcome.unmatched == []
+    assert outcome.unmatched == outcome.different == []
 
 
 def test_every_setting_that_is_changed_is_listed(scene) -> None:
@@ -134,7 +134,7 @@ def test_every_setting_that_is_changed_is_listed(scene) -> None:
     assert names <= set(listed)
 
 
-TOO_SHORT = "The renders are too short to be timed, so there is no speed-up: take more samples"
+TOO_SHORT = "The renders are too short to be timed: take more samples"
 
 
 def unmatched(scene) -> list[str]:
@@ -252,6 +252,9 @@ def test_what_cannot_be_matched_is_listed(scene) -> None:
     differs = bpy.app.version >= (5, 0)  # then it has a Principled BSDF in Cycles
     assert any(line.startswith("object 'Cube': without a material") for line in listed) == differs
     assert len(listed) == 4 + differs
+    outcome = operators.outcome_of(scene)
+    assert [line for line in listed if line not in outcome.different] == listed[2 + differs :]
+    assert not compare.headline_of(outcome).speedup
     page = compare.html(operators.outcome_of(scene))
     assert "Bumpy" in page and "motion blur" in page
 
@@ -261,6 +264,7 @@ def test_ticked_passes_are_listed_and_stay(scene) -> None:
     scene.view_layers[0].use_pass_mist = True
     bpy.ops.lobe.compare_with_cycles()
     (line,) = unmatched(scene)
+    assert operators.outcome_of(scene).different == []
     assert line.startswith("Passes are ticked in the view layer, and their time is in the figures")
     assert scene.view_layers[0].use_pass_mist and line in compare.html(operators.outcome_of(scene))
 
@@ -288,14 +292,33 @@ def test_phong_surfaces_are_exact_in_cycles_for_the_while(phong) -> None:
 def test_without_open_shading_language_that_is_listed(phong, monkeypatch) -> None:
     before = state(phong)
 
-    def fail(source: str) -> str:
-        raise RuntimeError("no compiler")
+    import _cycles
 
-    monkeypatch.setattr(peer, "_compile_osl", fail)
+    monkeypatch.delattr(_cycles, "osl_compile")
     bpy.ops.lobe.compare_with_cycles()
     assert state(phong) == before
     (line,) = unmatched(phong)
-    assert "'Phong BSDF'" in line and "comes near the Phong lobe" in line and "no compiler" in line
+    assert "'Phong BSDF'" in line and "comes near the Phong lobe" in line
+    assert line.endswith(": this Blender's Cycles has no Open Shading Language")
+    outcome = operators.outcome_of(phong)
+    assert outcome.different == [line] and not compare.headline_of(outcome).speedup
+
+
+def test_what_the_shader_compiler_says_is_for_the_log(phong, monkeypatch, capfd) -> None:
+    """It writes to standard error by itself, from C++, with the path of a file that is gone by then."""
+    monkeypatch.setattr(peer, "OSL_SOURCE", "shader phong() { nonsense }")
+    with compare.run.Keeper() as keeper:
+        found = compare.run.matching.prepare(phong, keeper, 0.0)
+    (line,) = found.different
+    assert line.endswith(": the Open Shading Language of this Blender's Cycles doesn't work")
+    (log,) = [line for line in capfd.readouterr().err.splitlines() if "nonsense" in line]
+    assert log.startswith("Lobe: Cycles' shader compiler said: ")
+
+
+def test_a_shader_that_compiles_leaves_nothing_in_the_log(phong, capfd) -> None:
+    with compare.run.Keeper() as keeper:
+        compare.run.matching.prepare(phong, keeper, 0.0)
+    assert "compiler said" not in capfd.readouterr().err
 
 
 def test_an_animated_seed_leaves_the_noise_unknown(scene) -> None:
@@ -348,7 +371,7 @@ def test_settings_come_back_when_it_is_stopped(phong) -> None:
     before = state(phong)
     steps = compare.Comparison(phong, bpy.context.view_layer).steps()
     step = next(steps)
-    assert "Lobe, render 1 of 4" in step.text and state(phong) != before
+    assert step.text == "Lobe, 1 of 2" and state(phong) != before
     for handler in bpy.app.handlers.render_cancel:
         handler(phong)
     with pytest.raises(compare.Stopped):
@@ -377,6 +400,24 @@ def test_a_scene_that_is_deleted_meanwhile(scene) -> None:
     bpy.data.scenes.remove(other)
     with pytest.raises(compare.CompareError, match="is gone"):
         next(steps)
+
+
+def test_the_reports_say_what_came_of_it_and_where_it_is(scene, capfd) -> None:
+    scene.render.use_motion_blur = True
+    bpy.ops.lobe.compare_with_cycles()
+    said = [line.partition("Info: ")[2] for line in capfd.readouterr().out.splitlines() if "Info: " in line]
+    page = Path(bpy.app.tempdir, "lobe_comparison.html")
+    places = f"The pictures are in the render slots Lobe and Cycles, side by side in the image {operators.IMAGE!r}"
+    assert f"{places}; the page is {str(page)!r}" in said
+    headline = compare.headline_of(operators.outcome_of(scene)).text
+    assert headline in page.read_text(encoding="utf-8") and "1 reason under Not Matched" in headline
+    assert said[-1] == f"Compared. {headline}. See Render properties > Compare"
+    assert not any("Speed-up" in line for line in said)
+
+
+def test_each_render_says_which_of_its_engine_it_is() -> None:
+    steps = [compare.run.Step(n, engine, "Scene", "") for n, (engine, _) in enumerate(compare.run.ORDER, 1)]
+    assert [step.text for step in steps] == ["Lobe, 1 of 2", "Cycles, 1 of 2", "Cycles, 2 of 2", "Lobe, 2 of 2"]
 
 
 def test_saving_the_page(scene, tmp_path) -> None:

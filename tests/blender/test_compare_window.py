@@ -34,6 +34,7 @@ def seen(tmp_path_factory) -> dict:
 def test_a_comparison_beside_the_window(seen) -> None:
     assert seen["returned"] == ["RUNNING_MODAL"]
     assert seen["changed meanwhile"] and seen["as before"]
+    assert (seen["said meanwhile"], seen["said afterwards"]) == ("Comparing: Lobe, 1 of 2", "")
     assert seen["size"] == [64, 48] and all(noise > 0.0 for noise in seen["noise"])
 
 

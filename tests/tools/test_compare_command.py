@@ -45,10 +45,14 @@ def test_a_comparison(repository, tmp_path):
     assert told["samples"] == {"LOBE": 16.0, "CYCLES": 16.0} and told["size"] == [48, 32] and told["threads"] == "1"
     assert told["figures"]["noise_lobe"] > 0.0 and told["times"]["CYCLES"]["total"] > 0.0
     assert "motion blur is not supported and left out" in told["unmatched"]
-    assert any(line.startswith("Speed-up at equal error") for line in lines) and "Not matched:" in lines
-    assert "4/4" in done.stderr  # the progress bar
+    assert "(1 reason" in lines[0] and lines[0].endswith("so no speed-up is said") and "Not matched:" in lines
+    assert told["headline"] == lines[0] and told["figures"]["speedup"] is None
+    assert not any(line.startswith("Speed-up") for line in lines)
+    assert "4/4" in done.stderr and "Lobe, 1 of 2" in done.stderr and "Cycles, 2 of 2" in done.stderr
+    assert f"Made the folder {folder}" in done.stderr.splitlines()
     names = {"comparison.html", "comparison.json", "lobe.png", "cycles.png", "difference.png", "flip.png"}
     assert {path.name for path in folder.iterdir()} == names
+    assert {line for line in lines if line.startswith("Wrote ")} == {f"Wrote {folder / name}" for name in names}
     for name in ("lobe", "cycles", "difference", "flip"):
         spec = oiio.ImageBuf(str(folder / f"{name}.png")).spec()
         assert (spec.width, spec.height) == (48, 32)

@@ -15,7 +15,7 @@ from tools.lobe_blender import enable_lobe
 
 enable_lobe()  # before anything imports bpy
 
-from bl_ext.user_default.lobe.addon.compare import figures, flip, html, page, pictures  # noqa: E402
+from bl_ext.user_default.lobe.addon.compare import figures, flip, headline_of, html, page, pictures  # noqa: E402
 from bl_ext.user_default.lobe.addon.compare.figures import Timing  # noqa: E402
 from bl_ext.user_default.lobe.addon.compare.run import Outcome, _seeds, clock_seconds, cycles_seconds  # noqa: E402
 
@@ -52,7 +52,6 @@ def test_specks_make_the_speedup_unsure():
     lobe[0, 5, 5] = 20.0
     found = figures.measure(lobe, cycles, TIMES, 0.0)
     assert found.ratio_error > 0.5
-    assert page.times(found.speedup, found.ratio_error).count("±") == 1
 
 
 def test_figures_are_those_of_the_metrics():
@@ -89,7 +88,7 @@ def test_equal_renders_have_no_noise_to_speak_of():
     still = np.repeat(renders(1.0, 0.1, 5)[:1], 2, axis=0)
     found = figures.measure(still, renders(1.0, 0.1, 6), TIMES, 0.0)
     assert math.isnan(found.noise_lobe) and math.isnan(found.speedup) and math.isnan(found.speedup_sampling)
-    assert page.times(found.speedup) == page.number(found.noise_lobe, ".3e") == "not known"
+    assert page.number(found.noise_lobe, ".3e") == "not known"
     black = np.zeros(SHAPE, np.float32)
     assert figures.measure(black, black, TIMES, 0.0).mean_difference == 0.0
 
@@ -151,9 +150,125 @@ def outcome() -> Outcome:
         pictures={name: b"\x89PNG" + name.encode() for name in names},
         difference_range=0.5,
         changed=[("Cycles: Seed", "1", "2")],
-        unmatched=["material 'M<1>': bump is not drawn"],
+        unmatched=["Passes are ticked in <Layer>"],
+        different=[],
         threads="2",
     )
+
+
+def with_figures(outcome: Outcome, **others) -> Outcome:
+    return dataclasses.replace(outcome, figures=dataclasses.replace(outcome.figures, **others))
+
+
+def test_the_headline_of_pictures_that_agree(outcome):
+    """Cycles' noise is four times Lobe's: (1 + 4 x 4) s over 2 s."""
+    assert headline_of(outcome) == ("Lobe is 8.5 ± 0.1 times as fast as Cycles at equal error", True)
+    slower = with_figures(outcome, speedup=0.4961, ratio_error=0.021)
+    assert headline_of(slower).text == "Lobe is 0.50 ± 0.02 times as fast as Cycles at equal error"
+
+
+# What makes the speed-up mean nothing, and what is said then.
+MEANINGLESS = {
+    "means": (
+        {"mean_difference": -0.21, "mean_difference_error": 0.004},
+        "The pictures differ: in the mean by -21.00% ± 0.40%, so no speed-up is said",
+    ),
+    "pixels": (
+        {"difference": 0.0144, "difference_error": 0.001},
+        "The pictures differ: in the pixels by 12.0% beyond the noise, so no speed-up is said",
+    ),
+    "black": (
+        {"mean_difference": math.inf, "mean_difference_error": 0.0},
+        "The pictures differ: Cycles' is black, so no speed-up is said",
+    ),
+    "noisy": ({"ratio_error": 0.5}, "Too noisy to tell who is the faster: take more samples"),
+    "unknown noise": (
+        {"noise_lobe": math.nan, "speedup": math.nan},
+        "The noise isn't known (see Not Matched), so no speed-up is said",
+    ),
+    "unknown times": (
+        {"speedup": math.nan},
+        "The renders are too short to be timed, so no speed-up is said: take more samples",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MEANINGLESS)
+def test_no_speedup_where_it_means_nothing(outcome, case):
+    """Neither on the page, nor in the panel's rows, nor at the command line."""
+    changed, said = MEANINGLESS[case]
+    poor = with_figures(outcome, **changed)
+    assert headline_of(poor) == (said, False)
+    assert html(poor).index(html_of(said)) < html(poor).index('<div class="slider')
+    lines = compare.text(poor).splitlines()
+    assert lines[0] == said
+    values = compare.data(poor)
+    assert values["headline"] == said
+    assert values["figures"]["speedup"] is None and values["figures"]["speedup_sampling"] is None
+    figure = page.times(outcome.figures.speedup, outcome.figures.ratio_error)
+    for text in (html(poor), compare.text(poor)):
+        assert figure not in text and "Speed-up at equal error" not in text and "sampling alone" not in text
+    for text in (html(outcome), compare.text(outcome)):
+        assert figure in text and "Speed-up at equal error" in text
+    assert compare.data(outcome)["figures"]["speedup"] == outcome.figures.speedup
+
+
+def html_of(text: str) -> str:
+    return text.replace("'", "&#x27;")
+
+
+def test_no_speedup_where_the_engines_were_asked_for_different_things(outcome):
+    lines = ["motion blur is left out", "bump is not drawn"]
+    said = "The engines were not asked for the same ({} under Not Matched), so no speed-up is said"
+    one, two = (dataclasses.replace(outcome, unmatched=lines[:n], different=lines[:n]) for n in (1, 2))
+    assert headline_of(one) == (said.format("1 reason"), False)
+    assert headline_of(two) == (said.format("2 reasons"), False)
+    both = headline_of(with_figures(two, mean_difference=0.5, mean_difference_error=0.001))
+    assert both.text == (
+        "The pictures differ: in the mean by +50.00% ± 0.10% (2 reasons under Not Matched), so no speed-up is said"
+    )
+
+
+@pytest.mark.parametrize(
+    "harmless",
+    [
+        {"mean_difference": 0.009, "mean_difference_error": 1e-6},  # nobody sees it
+        {"mean_difference": 0.2, "mean_difference_error": 0.03},  # chance
+        {"difference": 0.01**2 * 0.9, "difference_error": 1e-9, "noise_lobe": 1e-6},  # nobody sees it
+        {"difference": 0.01, "difference_error": 0.004},  # chance
+        {"difference": 0.01, "difference_error": 1e-9, "noise_lobe": 0.05, "noise_cycles": 0.05},  # lost in the noise
+        {"ratio_error": 0.49},
+    ],
+)
+def test_differences_that_do_not_matter(outcome, harmless):
+    assert headline_of(with_figures(outcome, **harmless)).speedup
+
+
+def test_the_headline_of_pictures_that_are_measured_to_differ(outcome):
+    """Not of figures made up: a picture that is brighter, and one that is so in a corner, the mean made good."""
+    lobe, cycles = renders(1.05, 0.1, 1), renders(1.0, 0.1, 2)
+    brighter = dataclasses.replace(outcome, figures=figures.measure(lobe, cycles, TIMES, 0.0))
+    assert headline_of(brighter).text.startswith("The pictures differ: in the mean by +4.98% ±")
+    lobe = renders(1.0, 0.1, 1)
+    lobe[:, :20] += 0.5
+    lobe[:, 20:] -= 0.1
+    elsewhere = dataclasses.replace(outcome, figures=figures.measure(lobe, cycles, TIMES, 0.0))
+    assert headline_of(elsewhere).text.startswith("The pictures differ: in the pixels by 19.0%")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "error", "text"),
+    [
+        (5.36, 0.01, "5.4 ± 0.1"),
+        (5.36, 0.1, "5.4 ± 0.6"),
+        (9.96, 0.2, "10 ± 2"),
+        (128.0, 0.1, "130 ± 20"),
+        (0.0312, 0.5, "0.031 ± 0.016"),
+        (2.0, 0.05, "2.0 ± 0.1"),
+    ],
+)
+def test_two_digits_and_an_error_that_is_never_too_small(ratio, error, text):
+    assert page.times(ratio, error) == text
 
 
 def test_the_page_needs_nothing_else(outcome):
@@ -162,9 +277,9 @@ def test_the_page_needs_nothing_else(outcome):
     assert not re.search(r"https?:|//|<link|@import|\burl\(", re.sub(r"base64,[^\"]*", "", text))
     assert "<script src" not in text and text.count("<script>") == 1
     assert "&lt;A &amp; B&gt;" in text and "<A & B>" not in text
-    assert "material &#x27;M&lt;1&gt;&#x27;: bump is not drawn" in text
+    assert "Passes are ticked in &lt;Layer&gt;" in text
     assert "Cycles: Seed" in text and "prefers-color-scheme: dark" in text
-    assert page.times(outcome.figures.speedup) in text
+    assert page.times(outcome.figures.speedup, outcome.figures.ratio_error) in text
     assert "comes from two renders of each engine alone" in text
     assert 'type="range"' in text
 

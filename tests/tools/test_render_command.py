@@ -49,10 +49,12 @@ def test_check(repository, tmp_path):
     before = {path.name for path in tmp_path.iterdir()}
     scene = "sample_blends/cornell_diffuse.blend"
     done = command(repository, scene, "--check")
-    assert (done.returncode, done.stdout) == (0, "Lobe draws everything in this scene as asked\n")
+    assert (done.returncode, done.stdout) == (0, "Nothing: Lobe draws all of this scene as asked.\n")
     done = command(repository, scene, "--check", "--set", "scene.render.use_motion_blur=1")
     assert done.returncode == 1
-    assert done.stdout == "Not drawn as asked:\n      -  scene       motion blur is not supported and left out\n"
+    head, *lines = done.stdout.splitlines()
+    assert head == "Scene report of cornell_diffuse.blend:"
+    assert lines == ["Not drawn as asked:", "      -  scene       motion blur is not supported and left out"]
     fails(command(repository, scene, "--check", "--scene", "Nowhere"), "the file has no scene 'Nowhere'")
     assert {path.name for path in tmp_path.iterdir()} == before
 
@@ -108,8 +110,10 @@ def test_pictures_and_report(repository, tmp_path, engine):
                    "--resolution", "24x24", "--frame", 2, "--threads", 1, "--set", "scene.lobe.max_bounces=2",
                    "--set", "scene.render.film_transparent=True", "-o", png, "-o", exr)  # fmt: skip
     assert done.returncode == 0, done.stderr
-    (line,) = done.stdout.splitlines()
-    report = json.loads(line)
+    *lines, last = done.stdout.splitlines()
+    assert lines == [f"Wrote {png}", f"Wrote {exr}"]
+    assert done.stderr.splitlines().count(f"Made the folder {png.parent}") == 1
+    report = json.loads(last)
     assert set(report) == KEYS and set(report["seconds"]) == PHASES
     assert report["engine"] == engine and report["samples"] == 4 and report["peak_memory_mb"] > 100
     assert report["seconds"]["total"] > 0 and report["seconds"]["render"] is not None
@@ -139,4 +143,5 @@ def test_as_is_keeps_the_files_cycles_settings(repository, tmp_path):
     )
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
     done = command(repository, path, "--engine", "CYCLES", "--as-is", "--resolution", "8x8", "-o", tmp_path / "a.png")
-    assert json.loads(done.stdout)["samples"] == 3
+    assert json.loads(done.stdout.splitlines()[-1])["samples"] == 3
+    assert "Made the folder" not in done.stderr
