@@ -9,6 +9,7 @@ from typing import NamedTuple
 import bpy
 
 from .. import scene_report
+from ..export.notes import APPROXIMATED, ERROR, WARNING
 from ..passes import wanted_passes
 from . import peer
 from .keeping import Change, Keeper
@@ -159,11 +160,14 @@ def _listed(names: list[str], most: int = 8) -> str:
     return ", ".join(repr(name) for name in names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
-def not_drawn(scene) -> list[str]:
-    """What Lobe, in its newest render of the scene, did not draw as asked: there the pictures differ in earnest."""
+def not_drawn(scene) -> Unmatched:
+    """What Lobe, in its newest render of the scene, did not draw as asked: there the pictures differ in earnest. What
+    it drew nearly as asked is for the pictures to tell."""
     report = scene_report.report_of(scene)
-    groups = report.of_level(*scene_report.NOT_HONOURED) if report is not None else []
-    return [scene_report.sentence(group) for group in groups]
+    if report is None:
+        return Unmatched([], [])
+    levels = (ERROR, WARNING), (APPROXIMATED,)
+    return Unmatched(*([scene_report.sentence(group) for group in report.of_level(*level)] for level in levels))
 
 
 def changed(changes: list[Change]) -> list[tuple[str, str, str]]:

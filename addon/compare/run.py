@@ -154,7 +154,9 @@ class Comparison:
                     raise Stopped
                 slots.found(NAMES[engine])
                 renders[engine, which] = self._take(engine, watch)
-            unmatched.different.extend(matching.not_drawn(self.scene))
+            different, nearly = matching.not_drawn(self.scene)
+            unmatched.different.extend(different)
+            unmatched.others.extend(nearly)
             self.outcome = self._measured(renders, settings, unmatched)
 
     def _choose(self, keeper: Keeper, engine: str, seed: int) -> None:
