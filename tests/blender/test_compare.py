@@ -100,7 +100,7 @@ def test_a_comparison(scene) -> None:
     assert outcome.size == (16, 24)  # of the border
     assert outcome.samples == {"LOBE": 1024.0, "CYCLES": 1024.0}
     assert 0.0 < found.noise_lobe < 0.1 and 0.0 < found.noise_cycles < 0.1
-    assert abs(found.mean_difference) < 0.005 + 4 * found.mean_difference_error
+    assert abs(found.mean_difference) < 0.005 + found.mean_difference_margin
     assert found.rel_mse > 0.0 and found.speedup > 0.0 and found.flip > 0.0
     assert all(0.0 < timing.sampling <= timing.total + 0.01 for timing in outcome.times.values())
     rows = {what: (was, during) for what, was, during in outcome.changed}
