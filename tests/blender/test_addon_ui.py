@@ -351,7 +351,7 @@ def test_images_are_read_by_a_timer_and_once(classes, monkeypatch) -> None:
     read: list[str] = []
     whole = module.KeptAverages._read
     monkeypatch.setattr(
-        module.KeptAverages, "_read", lambda self, n, *rest: read.append(n.image.name) or whole(self, n)
+        module.KeptAverages, "_read", lambda self, n, *rest: read.append(n.image.name) or whole(self, n, *rest)
     )
     panel = find(classes, "LOBE_MATERIAL_PT_understood")
     contexts = {}
@@ -438,6 +438,8 @@ def test_files_of_images_are_averaged_on_a_thread(classes, textured, tmp_path, m
     go, threads, whole = threading.Event(), [], module.KeptAverages.mean_of_file
 
     def slow(self, image, path):
+        if threading.current_thread() is threading.main_thread():  # an export, which waits for it
+            return whole(self, image, path)
         threads.append(threading.current_thread())
         assert go.wait(60) and isinstance(image, SimpleNamespace)
         return whole(self, image, path)
@@ -451,7 +453,6 @@ def test_files_of_images_are_averaged_on_a_thread(classes, textured, tmp_path, m
     go.set()
     while module._read() is not None:
         module.understood.wait()
-    assert threading.current_thread() not in threads
     mean, _ = module.understood.at_hand(material)
     module.understood.forget()
     assert mean == module.understood.of(material)[0] and len(threads) == 2
@@ -463,6 +464,23 @@ def test_files_of_images_are_averaged_on_a_thread(classes, textured, tmp_path, m
     while module._read() is not None:
         module.understood.wait()
     assert "cannot be read" in texts(panel, context)
+
+
+def test_an_image_that_finds_no_memory_is_named_in_the_panel(classes, textured, monkeypatch) -> None:
+    """One that only Blender has, and once: the timer ends. A file is read in strips."""
+    module, memory = sys.modules[f"{MODULE}.addon.ui.understood"], sys.modules[f"{MODULE}.engine.memory"]
+    monkeypatch.setattr(memory, "available", lambda: 0.0)
+    material, texture = textured
+    panel, context = find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material)
+    for packed in (False, True):
+        if packed:
+            texture.image.pack()
+        module.understood.forget()
+        assert "Reading its images" in texts(panel, context)
+        while module._read() is not None:
+            module.understood.wait()
+        shown = texts(panel, context)
+        assert "Reading its images" not in shown and ("needs more memory than can be had" in shown) == packed
 
 
 def test_use_phong_keeps_what_is_drawn(classes) -> None:
