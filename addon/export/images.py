@@ -68,6 +68,7 @@ class Images:
         self._environments: dict = {}
         self._asked: set = set()  # for these
         self._averages: dict = {}
+        self._environment_averages: dict = {}
         self._problems: dict = {}
         self._moving = False
 
@@ -95,16 +96,23 @@ class Images:
 
     def average(self, node) -> np.ndarray | None:
         """(4,) mean colour, weighted by alpha, and mean alpha; None where it can't be had. Never raises LobeError."""
+        return self._mean(node, self._averages, self.mean_of_file, self._mean_of_datablock)
+
+    def environment_average(self, node) -> np.ndarray | None:
+        """(3,) mean of what `environment` gives; else like `average`."""
+        return self._mean(node, self._environment_averages, self._lit_by_file, self._lit_by_datablock)
+
+    def _mean(self, node, known: dict, of_file: Callable, of_datablock: Callable) -> np.ndarray | None:
         key = self._key(node)
-        if key not in self._averages:
+        if key not in known:
             mean = None
             try:
                 if node.image is not None:
-                    mean = self._read(node, self.mean_of_file, self._mean_of_datablock)
+                    mean = self._read(node, of_file, of_datablock)
             except LobeError:  # its pixels can be had from Blender alone, all at once
                 self._problems[key] = TOO_LARGE
-            self._averages[key] = mean
-        return self._averages[key]
+            known[key] = mean
+        return known[key]
 
     def problem(self, node) -> str:
         """Why a node's image can't be shown: "image 'a.png' is missing"."""
@@ -159,6 +167,15 @@ class Images:
         if strips is None:
             return None
         return mean_color(self._of_datablock(image, strip, multiplied=False) for strip in strips)
+
+    def _lit_by_file(self, image, path: str) -> np.ndarray:
+        return plain_mean(self._converted(image, strip, multiplied=True) for strip in file_strips(path))
+
+    def _lit_by_datablock(self, image) -> np.ndarray | None:
+        strips = datablock_strips(image)
+        if strips is None:
+            return None
+        return plain_mean(self._of_datablock(image, strip, multiplied=True) for strip in strips)
 
     def _of_datablock(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
         """Blender has converted float images already."""
@@ -353,6 +370,11 @@ def mean_color(strips: Iterable[Pixels]) -> np.ndarray:
         weighted += weight @ color
         weights += weight.sum()
     return np.array([*(weighted / weights), weights / count]) if weights > 0.0 else np.array([*(plain / count), 1.0])
+
+
+def plain_mean(strips: Iterable[Pixels]) -> np.ndarray:
+    """(3,) mean of an image's linear colours, whatever their alpha."""
+    return mean_color(strip._replace(alpha=None) for strip in strips)[:3]
 
 
 def _color_config() -> str:
