@@ -122,15 +122,15 @@ class LobeSettings(bpy.types.PropertyGroup):
     )
     clamp_direct: FloatProperty(
         name="Direct Light",
-        description="Upper limit of one path's direct light in W/(m² sr), as the mean of its channels. Removes "
-        "bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
+        description="Upper limit of each contribution of direct light to a path in W/(m² sr), as the mean of its "
+        "channels. Removes bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
         soft_max=100,
         **_limits("clamp_direct"),
     )
     clamp_indirect: FloatProperty(
         name="Indirect Light",
-        description="Upper limit of one path's indirect light in W/(m² sr), as the mean of its channels. Removes "
-        "bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
+        description="Upper limit of each contribution of indirect light to a path in W/(m² sr), as the mean of its "
+        "channels. Removes bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
         soft_max=100,
         **_limits("clamp_indirect"),
     )

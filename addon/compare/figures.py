@@ -21,6 +21,7 @@ import numpy as np
 EPSILON = 1e-2  # as in tools/metrics.py
 SMOOTHED = 2  # pixels to each side
 SHORTEST = 0.05  # seconds: Cycles tells its sampling in hundredths, of which less than this is known too badly
+T_95 = (12.71, 4.303)  # Student's t that 5 % exceed, up or down, at one degree of freedom and at two
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Figures:
     """Lobe's against Cycles'. nan: not known, as an engine's renders are the same, or too short to be timed."""
 
     mean_difference: float  # of the pictures' means, relative to Cycles'
-    mean_difference_error: float  # its standard error, from two renders of each: of two degrees of freedom
+    mean_difference_margin: float  # half the width of its 95 % interval, from two renders of each
     rel_mse: float  # of the two pictures that are shown: the difference, and the noise of both
     difference: float  # on that scale, the noise taken off; chance may put it below zero
     difference_error: float  # its standard error, from its spread over the pixels
@@ -61,11 +62,11 @@ def measure(lobe: np.ndarray, cycles: np.ndarray, times: tuple[Timing, Timing], 
     (noise_lobe, error_lobe), (noise_cycles, error_cycles) = (_noise(pair, scale) for pair in (lobe, cycles))
     apart = lobe - cycles
     products = (apart[0] * apart[1] * scale).mean(axis=-1)
-    difference, error = _mean_difference(lobe, cycles)
+    difference, margin = _mean_difference(lobe, cycles)
     speedup, speedup_sampling = speedups(noise_lobe, noise_cycles, *times)
     return Figures(
         mean_difference=difference,
-        mean_difference_error=error,
+        mean_difference_margin=margin,
         rel_mse=float((apart[0] ** 2 * scale).mean()),
         difference=float(products.mean()),
         difference_error=float(products.std() / math.sqrt(products.size)),
@@ -109,10 +110,24 @@ def _noise(pair: np.ndarray, scale: np.ndarray) -> tuple[float, float]:
 
 
 def _mean_difference(lobe: np.ndarray, cycles: np.ndarray) -> tuple[float, float]:
-    """(mean of Lobe's - mean of Cycles') / mean of Cycles', and its standard error."""
+    """(mean of Lobe's - mean of Cycles') / mean of Cycles', and half the width of its 95 % interval."""
     means = [pair.reshape(2, -1).mean(axis=1) for pair in (lobe, cycles)]
     of_lobe, of_cycles = (float(m.mean()) for m in means)
     if of_cycles == 0.0:
         return (0.0 if of_lobe == 0.0 else math.inf), 0.0
-    variance = sum(float(m.var(ddof=1)) / 2.0 for m in means)
-    return (of_lobe - of_cycles) / abs(of_cycles), math.sqrt(variance) / abs(of_cycles)
+    margin = _margin(*(float(m.var(ddof=1)) / 2.0 for m in means))
+    return (of_lobe - of_cycles) / abs(of_cycles), margin / abs(of_cycles)
+
+
+def _margin(variance_a: float, variance_b: float) -> float:
+    """Half the width of the 95 % interval of the difference of two means, each of two values, whose variances these
+    are: by Welch's t, as one engine may be far noisier than the other.
+
+    Satterthwaite's degrees of freedom are n = (a + b)^2 / (a^2 + b^2), from 1 to 2, so 2 / n - 1, which is
+    ((a - b) / (a + b))^2, goes from 1 to 0. Over it log t is nearly a straight line, and as one it is never too small.
+    """
+    both = variance_a + variance_b
+    if both == 0.0:
+        return 0.0
+    of_one, of_two = T_95
+    return math.sqrt(both) * of_two * (of_one / of_two) ** (((variance_a - variance_b) / both) ** 2)

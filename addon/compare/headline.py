@@ -1,8 +1,9 @@
-"""What a comparison says first: how many times as fast Lobe is, or why nobody can tell. No bpy.
+"""What a comparison says first: whether the pictures agree, and how many times as fast Lobe is, or why nobody can
+tell. No bpy.
 
 The rule is here alone: the panel, the reports, the page and the command line show a speed-up where `Headline.speedup`
-says so, and nowhere else. A time to equal error means nothing where the engines draw different pictures, or where the
-errors themselves are hardly known.
+says so, and nowhere else. A time to equal error means nothing where the engines draw different pictures, where noise
+may hide that they do, or where the errors themselves are hardly known.
 """
 
 from __future__ import annotations
@@ -16,9 +17,8 @@ if TYPE_CHECKING:
     from .run import Outcome
 
 SEEN = 0.01  # relative: pictures that differ by less are the same picture to the eye
-# Standard errors that chance exceeds once in a hundred times: Student's t of the two degrees of freedom that two
-# renders of each engine leave the means. The difference has as many degrees as there are pixels, with long tails.
-OF_MEANS, OF_PIXELS = 9.92, 3.0
+AGREED = 0.05  # relative: pictures agree where they are certainly no farther apart
+OF_PIXELS = 3.0  # standard errors: there are as many degrees of freedom as pixels, with long tails
 OF_NOISE = 0.25  # of the noise: half as large, were both not squared
 UNSURE = 0.5  # standard error of the speed-up, relative: from there on it is less than two of them away from nothing
 
@@ -37,12 +37,16 @@ def headline_of(outcome: Outcome) -> Headline:
         return Headline(f"The engines were not asked for the same ({reasons}), so no speed-up is said", False)
     if math.isnan(found.noise_lobe) or math.isnan(found.noise_cycles):
         return Headline("The noise isn't known (see Not Matched), so no speed-up is said", False)
+    if open_ := _open(found):
+        unsure = f"they may be {' and '.join(open_)}"
+        return Headline(f"Too noisy to tell whether the pictures agree ({unsure}): take more samples", False)
+    agree = f"The pictures agree within {AGREED:.0%}"
     if not math.isfinite(found.speedup):
-        return Headline("The renders are too short to be timed, so no speed-up is said: take more samples", False)
+        return Headline(f"{agree}. The renders are too short to be timed: take more samples", False)
     if not found.ratio_error < UNSURE:
-        return Headline("Too noisy to tell who is the faster: take more samples", False)
+        return Headline(f"{agree}. Too noisy to tell who is the faster: take more samples", False)
     ratio = times(found.speedup, found.ratio_error)
-    return Headline(f"Lobe is {ratio} times as fast as Cycles at equal error", True)
+    return Headline(f"Lobe is {ratio} times as fast as Cycles at equal error. {agree}", True)
 
 
 def times(ratio: float, error: float) -> str:
@@ -61,12 +65,20 @@ def _reasons(number: int) -> str:
 def _apart(found: Figures) -> list[str]:
     """In what the pictures differ in earnest: more than chance makes of noise, and so much that it matters."""
     apart = []
-    mean, error = found.mean_difference, found.mean_difference_error
+    mean, margin = found.mean_difference, found.mean_difference_margin
     if math.isinf(mean):
         apart.append("Cycles' is black")
-    elif abs(mean) >= SEEN and abs(mean) > OF_MEANS * error:
-        apart.append(f"in the mean by {mean:+.2%} ± {error:.2%}")
+    elif abs(mean) >= SEEN and abs(mean) > margin:
+        apart.append(f"in the mean by {mean:+.2%} ± {margin:.2%}")
     least = max(SEEN**2, OF_PIXELS * found.difference_error)
     if found.difference > least and not found.difference < OF_NOISE * found.noise_lobe:  # which may be unknown
         apart.append(f"in the pixels by {math.sqrt(found.difference):.1%} beyond the noise")
     return apart
+
+
+def _open(found: Figures) -> list[str]:
+    """In what the pictures may differ, for all that can be told through the noise."""
+    mean = abs(found.mean_difference) + found.mean_difference_margin
+    pixels = math.sqrt(max(found.difference + OF_PIXELS * found.difference_error, 0.0))
+    bounds = {"mean": mean, "pixels": pixels}
+    return [f"up to {bound:.1%} apart in the {what}" for what, bound in bounds.items() if not bound <= AGREED]

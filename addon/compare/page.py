@@ -7,7 +7,7 @@ import math
 from html import escape
 
 from . import pictures
-from .headline import headline_of, times
+from .headline import AGREED, headline_of, times
 from .run import ENGINES, Outcome
 
 SMALL = 640  # pixels: a picture that is narrower shows its pixels when it is scaled up
@@ -56,23 +56,23 @@ for (const box of document.querySelectorAll(".slider")) {
   move();
 }
 """
-HOW = """
+HOW = f"""
 Each engine has rendered the scene twice, with two seeds; the times are those of the quicker of the two. Half the mean
-squared difference of two seeds is the noise of one picture. The product of two differences between the engines, each
-of other seeds, is free of noise: what it leaves is the true difference; the map of it shows the mean of both seeds.
-All of these are relative squared errors (relMSE), divided by the squared brightness + 0.01 that the mean of all four
-renders has around each pixel. Noise falls like 1 / samples, so to the noise of Lobe's picture Cycles would need
-noise(Cycles) / noise(Lobe) times the sampling time that it took here: that, with its preparation, over Lobe's time is
-the speed-up at equal error. Its standard error comes from the noise alone, by its spread over the pixels, which a few
-bright specks make large; how much the times wander is not in it. No speed-up is said where it would mean nothing: where
-the pictures differ in earnest, where the engines were not asked for the same, and where its standard error is half as
-large as itself or larger. FLIP (Andersson et al. 2020) says how different the two pictures look to someone who flips
-between them on a screen: 0 alike, 1 as different as can be. It is taken of the pictures as shown, noise included.
+squared difference of two seeds is the noise of one picture. The product of two differences between the engines, each of
+other seeds, is free of noise: what it leaves is the true difference; the map of it shows the mean of both seeds. All of
+these are relative squared errors (relMSE), divided by the squared brightness + 0.01 that the mean of all four renders
+has around each pixel. Noise falls like 1 / samples, so to the noise of Lobe's picture Cycles would need noise(Cycles) /
+noise(Lobe) times the sampling time that it took here: that, with its preparation, over Lobe's time is the speed-up at
+equal error. Its standard error comes from the noise alone, by its spread over the pixels, which a few bright specks
+make large; how much the times wander is not in it. No speed-up is said where it would mean nothing: where the pictures
+differ in earnest, where noise may hide a difference of more than {AGREED:.0%}, where the engines were not asked for the
+same, and where its standard error is half as large as itself or larger. FLIP (Andersson et al. 2020) says how different
+the two pictures look to someone who flips between them on a screen: 0 alike, 1 as different as can be. It is taken of
+the pictures as shown, noise included.
 """
-# Student's t of two degrees of freedom: P(|t| > 1) is 0.42, and |t| is below 4.30 in 95 % of cases.
-OF_TWO_SEEDS = (
-    "± is one standard error. That of the means comes from two renders of each engine alone, so it is itself only "
-    "roughly known: the truth lies farther off than ± in two cases of five, and than 4.3 times that in one of twenty."
+OF_ERRORS = (
+    "± is one standard error; that of the means is the 95 % interval (Welch's t), which is wide as it comes from two "
+    "renders of each engine alone."
 )
 
 
@@ -89,7 +89,7 @@ def html(outcome: Outcome) -> str:
             "<h2>Figures</h2>",
             _table([("", "Lobe", "Cycles"), *engine_rows(outcome)]),
             _table([("", "Lobe against Cycles"), *difference_rows(outcome)]),
-            f'<p class="dim">{escape(OF_TWO_SEEDS)}</p>',
+            f'<p class="dim">{escape(OF_ERRORS)}</p>',
             _maps(outcome),
             "<h2>Not Matched</h2>",
             _unmatched(outcome),
@@ -147,7 +147,7 @@ def difference_rows(outcome: Outcome) -> list[tuple[str, str]]:
         ]
     return [
         *rows,
-        ("Difference of means", f"{found.mean_difference:+.2%} ± {found.mean_difference_error:.2%}"),
+        ("Difference of means", f"{found.mean_difference:+.2%} ± {found.mean_difference_margin:.2%}"),
         ("relMSE between the pictures", number(found.rel_mse, ".1e")),
         ("of it without the noise of both", f"{found.difference:.1e} ± {found.difference_error:.0e}"),
         ("FLIP", number(found.flip, ".4f")),

@@ -178,6 +178,8 @@ def _compile_osl(source: str) -> str:
         if not compiled:
             text = "the Open Shading Language of this Blender's Cycles doesn't work"
             raise NoShader(text, " / ".join(said.read_text(errors="replace").split("\n")[:-1]))
+        if others := said.read_bytes():  # of Blender's other threads: the compiler has nothing to complain of
+            os.write(2, others)
         return oso.read_text()
 
 

@@ -1,18 +1,21 @@
 """Pixels of Blender's images: read from their files with OpenImageIO, or from Blender where there is no file.
 
 Pixels come out scene-linear, row 0 at the bottom. Images that can't be shown give None: the caller draws them magenta,
-as Blender does, and says what `Images.problem` says.
+as Blender does, and says what `Images.problem` says. An image of which only the average counts is read in strips of
+rows, so that a large one needs little memory.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import bpy
 import numpy as np
 
-from ...engine import foresee
+from ...engine import LobeError, foresee
 from .changes import uid_of
 from .stop import Stop
 from .units import srgb_to_linear
@@ -30,8 +33,15 @@ LAYERS = "several layers or views in one image are not supported, only the first
 STEREO = "the views of a stereo image are not supported, it is read as one picture"
 PACKED_LAYERS = "has several layers or views and is packed into the .blend, which is not supported: unpack it"
 UNREADABLE = "cannot be read: its file is damaged or of an unknown format"
+TOO_LARGE = "needs more memory than can be had (as a file of its own it would need little)"
 # Alpha modes that leave the colour alone.
 APART = ("NONE", "CHANNEL_PACKED")
+STRIP = 1 << 20  # pixels
+OF_COLOR = 12  # bytes a pixel of (H, W, 3) float32
+
+
+class Unreadable(Exception):
+    """OpenImageIO can't read a file, or isn't there: Blender then reads it."""
 
 
 class Pixels(NamedTuple):
@@ -58,6 +68,7 @@ class Images:
         self._environments: dict = {}
         self._asked: set = set()  # for these
         self._averages: dict = {}
+        self._environment_averages: dict = {}
         self._problems: dict = {}
         self._moving = False
 
@@ -73,8 +84,9 @@ class Images:
         key = self._key(node)
         self._asked.add(key)
         if key not in self._environments:
-            pixels = None if node.image is None else self._read(node, multiplied=True)
-            self._environments[key] = None if pixels is None else pixels.color
+            self._environments[key] = (
+                None if node.image is None else self._read(node, self._color_of_file, self._color_of_datablock)
+            )
         return self._environments[key]
 
     def forget_unused(self) -> None:
@@ -83,12 +95,24 @@ class Images:
         self._asked = set()
 
     def average(self, node) -> np.ndarray | None:
-        """(4,) mean colour, weighted by alpha, and mean alpha. The pixels are not kept."""
+        """(4,) mean colour, weighted by alpha, and mean alpha; None where it can't be had. Never raises LobeError."""
+        return self._mean(node, self._averages, self.mean_of_file, self._mean_of_datablock)
+
+    def environment_average(self, node) -> np.ndarray | None:
+        """(3,) mean of what `environment` gives; else like `average`."""
+        return self._mean(node, self._environment_averages, self._lit_by_file, self._lit_by_datablock)
+
+    def _mean(self, node, known: dict, of_file: Callable, of_datablock: Callable) -> np.ndarray | None:
         key = self._key(node)
-        if key not in self._averages:
-            pixels = None if node.image is None else self._read(node)
-            self._averages[key] = None if pixels is None else mean_color(pixels)
-        return self._averages[key]
+        if key not in known:
+            mean = None
+            try:
+                if node.image is not None:
+                    mean = self._read(node, of_file, of_datablock)
+            except LobeError:  # its pixels can be had from Blender alone, all at once
+                self._problems[key] = TOO_LARGE
+            known[key] = mean
+        return known[key]
 
     def problem(self, node) -> str:
         """Why a node's image can't be shown: "image 'a.png' is missing"."""
@@ -100,7 +124,9 @@ class Images:
         self._moving |= node.image.source in MOVING
         return uid_of(node.image), node.image_user.frame_current
 
-    def _read(self, node, multiplied: bool = False) -> Pixels | None:
+    def _read(self, node, of_file: Callable, of_datablock: Callable) -> np.ndarray | None:
+        """What these make of a node's image: of_file(image, path) of its file, which may raise Unreadable, and
+        of_datablock(image) of what Blender has."""
         self._stop.check()
         image = node.image
         from_file = image.source in FILES and not image.packed_files
@@ -108,21 +134,52 @@ class Images:
             self._notes.warn("image", image.name, "UDIM tiles are not supported, only the first is read")
         path = image_path(image, node.image_user) if from_file else ""
         problem = file_problem(path) if from_file else ""
-        pixels = read_file(path) if from_file and not problem and image.source != "MOVIE" else None
-        several = pixels is not None and has_layers(path)
-        if pixels is None and not problem:
-            pixels = read_datablock(image)
-            if pixels is not None and image.is_float:  # Blender has converted these already.
-                self._note_parts(image, several)
-                return pixels
+        found, several = None, False
+        if from_file and not problem and image.source != "MOVIE":
+            with contextlib.suppress(Unreadable):
+                found = of_file(image, path)
+                several = has_layers(path)
+        if found is None and not problem:
+            found = of_datablock(image)
             problem = UNREADABLE if image.source in FILES else "has no pixels"
             if image.original.type == "MULTILAYER":  # as Blender knows once it has tried
                 problem = PACKED_LAYERS
-        if pixels is None:
+        if found is None:
             self._problems[self._key(node)] = problem
             return None
         self._note_parts(image, several)
-        return self._converted(image, pixels, multiplied)
+        return found
+
+    def _color_of_file(self, image, path: str) -> np.ndarray:
+        return self._converted(image, read_file(path), multiplied=True).color
+
+    def _color_of_datablock(self, image) -> np.ndarray | None:
+        pixels = read_datablock(image)
+        return None if pixels is None else self._of_datablock(image, pixels, multiplied=True).color
+
+    def mean_of_file(self, image, path: str) -> np.ndarray:
+        """As `average` has it. On any thread, with an `image` that has but the properties that tell how to take the
+        file's pixels. Raises Unreadable."""
+        return mean_color(self._converted(image, strip, multiplied=False) for strip in file_strips(path))
+
+    def _mean_of_datablock(self, image) -> np.ndarray | None:
+        strips = datablock_strips(image)
+        if strips is None:
+            return None
+        return mean_color(self._of_datablock(image, strip, multiplied=False) for strip in strips)
+
+    def _lit_by_file(self, image, path: str) -> np.ndarray:
+        return plain_mean(self._converted(image, strip, multiplied=True) for strip in file_strips(path))
+
+    def _lit_by_datablock(self, image) -> np.ndarray | None:
+        strips = datablock_strips(image)
+        if strips is None:
+            return None
+        return plain_mean(self._of_datablock(image, strip, multiplied=True) for strip in strips)
+
+    def _of_datablock(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
+        """Blender has converted float images already."""
+        return pixels if image.is_float else self._converted(image, pixels, multiplied)
 
     def _note_parts(self, image, several: bool) -> None:
         if several:
@@ -132,6 +189,7 @@ class Images:
 
     def _converted(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
         """Scene-linear. Cycles multiplies sRGB with alpha before it decodes it, bytes as bytes; others afterwards."""
+        self._stop.check()  # between strips
         color, alpha, straight = pixels
         apart = image.alpha_mode in APART or image.colorspace_settings.is_data
         if not multiplied or alpha is None or not straight or apart:
@@ -181,27 +239,63 @@ def image_path(image, user=None) -> str:
     return os.path.normpath(path) if path else ""
 
 
-def read_file(path: str) -> Pixels | None:
-    """Through OpenImageIO, bytes as bytes; None where the module or the format is missing: Blender then reads it."""
+def read_file(path: str) -> Pixels:
+    """Through OpenImageIO, bytes as bytes. Raises Unreadable, or LobeError where there is no memory for it."""
+    with _opened(path) as file:
+        width, height = file.spec.width, file.spec.height
+        _foresee(os.path.basename(path), width, height, file.channels * (1 if file.type == "uint8" else 4) + OF_COLOR)
+        return file.pixels(file.source.read_image(0, 0, 0, file.channels, file.type))
+
+
+def file_strips(path: str) -> Iterator[Pixels]:
+    """The same as `read_file`, strip by strip from the top on."""
+    with _opened(path) as file:
+        spec, source = file.spec, file.source
+        tile = spec.tile_height or 1
+        rows = max(STRIP // spec.width // tile, 1) * tile
+        for start in range(spec.y, spec.y + spec.height, rows):
+            end = min(start + rows, spec.y + spec.height)
+            if spec.tile_width:  # OpenImageIO has no scanlines of these
+                columns = spec.x, spec.x + spec.width
+                data = source.read_tiles(0, 0, *columns, start, end, 0, 1, 0, file.channels, file.type)
+            else:
+                data = source.read_scanlines(0, 0, start, end, 0, 0, file.channels, file.type)
+            yield file.pixels(data)
+
+
+class _File(NamedTuple):
+    """A file that OpenImageIO has opened, and how its first picture is read."""
+
+    source: object
+    spec: object
+    channels: int
+    type: str
+
+    def pixels(self, data: np.ndarray | None) -> Pixels:
+        """Of rows from above, which it has read; None where it couldn't."""
+        if data is None:
+            raise Unreadable
+        straight = bool(self.spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
+        return _split(data.reshape(-1, self.spec.width, self.channels)[::-1], straight)
+
+
+@contextlib.contextmanager
+def _opened(path: str) -> Iterator[_File]:
     try:
         import OpenImageIO as oiio
-    except ImportError:
-        return None
+    except ImportError as error:
+        raise Unreadable from error
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(path, hints)
     if source is None:
         oiio.geterror()
-        return None
-    spec = source.spec()
-    channels, in_bytes = min(spec.nchannels, 4), str(spec.format) == "uint8"
-    _foresee(os.path.basename(path), spec.width, spec.height, channels * (1 if in_bytes else 4))
-    data = source.read_image(0, 0, 0, channels, "uint8" if in_bytes else "float")
-    straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
-    source.close()
-    if data is None:
-        return None
-    return _split(data.reshape(spec.height, spec.width, -1)[::-1], straight)
+        raise Unreadable
+    try:
+        spec = source.spec()
+        yield _File(source, spec, min(spec.nchannels, 4), "uint8" if str(spec.format) == "uint8" else "float")
+    finally:
+        source.close()
 
 
 def has_layers(path: str) -> bool:
@@ -218,24 +312,41 @@ def has_layers(path: str) -> bool:
 
 
 def read_datablock(image) -> Pixels | None:
-    """Through Blender: packed, generated and painted images. Slow for byte images (0.6 s for 4096 x 4096)."""
-    image = image.original
+    """Through Blender: packed, generated and painted images. Slow for byte images (0.6 s for 4096 x 4096). None where
+    there are no pixels; raises LobeError where there is no memory for them."""
+    data = _data(image.original, OF_COLOR)
+    return None if data is None else _of_data(image, data)
+
+
+def datablock_strips(image) -> Iterator[Pixels] | None:
+    """The same, strip by strip; Blender gives its pixels all at once, as floats."""
+    data = _data(image.original, 0)
+    if data is None:
+        return None
+    rows = max(STRIP // data.shape[1], 1)
+    return (_of_data(image, data[start : start + rows]) for start in range(0, len(data), rows))
+
+
+def _data(image, beside: int) -> np.ndarray | None:
+    """(H, W, channels) float32. beside: bytes a pixel of what will be made of it."""
     width, height = image.size
     channels = image.channels
     if not width or not height or not channels:
         return None
-    _foresee(image.name, width, height, 4 * channels)
+    _foresee(image.name, width, height, 4 * channels + beside)
     flat = np.empty(width * height * channels, np.float32)
     image.pixels.foreach_get(flat)
-    if not image.is_float:
-        flat = np.rint(flat * 255).astype(np.uint8)
-    return _split(flat.reshape(height, width, channels), straight=not image.is_float)
+    return flat.reshape(height, width, channels)
+
+
+def _of_data(image, data: np.ndarray) -> Pixels:
+    is_float = image.original.is_float
+    return _split(data if is_float else np.rint(data * 255).astype(np.uint8), straight=not is_float)
 
 
 def _foresee(name: str, width: int, height: int, bytes_a_pixel: int) -> None:
-    """Raises LobeError where there is no memory for an image of so many bytes and its colour beside it, which is
-    (height, width, 3) float32 in the end."""
-    foresee({f"image {name!r} of {width} x {height} pixels": (bytes_a_pixel + 12) * width * height})
+    """Raises LobeError where there is no memory for an image of so many bytes."""
+    foresee({f"image {name!r} of {width} x {height} pixels": bytes_a_pixel * width * height})
 
 
 def _split(data: np.ndarray, straight: bool) -> Pixels:
@@ -247,13 +358,23 @@ def _split(data: np.ndarray, straight: bool) -> Pixels:
     return Pixels(np.ascontiguousarray(color), alpha, straight)
 
 
-def mean_color(pixels: Pixels) -> np.ndarray:
-    """(4,) mean of linear colours, weighted by alpha, and mean alpha."""
-    color = np.nan_to_num(pixels.color.reshape(-1, 3), posinf=0.0, neginf=0.0)
-    if pixels.alpha is None or pixels.alpha.max() <= 0.0:
-        return np.array([*color.mean(axis=0, dtype=np.float64), 1.0])
-    weight = pixels.alpha.reshape(-1).astype(np.float64)
-    return np.array([*(weight @ color / weight.sum()), weight.mean()])
+def mean_color(strips: Iterable[Pixels]) -> np.ndarray:
+    """(4,) mean of an image's linear colours, weighted by alpha, and mean alpha; where nothing is visible as if there
+    were no alpha."""
+    count, plain, weighted, weights = 0, np.zeros(3), np.zeros(3), 0.0
+    for strip in strips:
+        color = np.nan_to_num(strip.color.reshape(-1, 3), posinf=0.0, neginf=0.0).astype(np.float64)
+        weight = np.ones(len(color)) if strip.alpha is None else strip.alpha.reshape(-1).astype(np.float64)
+        count += len(color)
+        plain += color.sum(axis=0)
+        weighted += weight @ color
+        weights += weight.sum()
+    return np.array([*(weighted / weights), weights / count]) if weights > 0.0 else np.array([*(plain / count), 1.0])
+
+
+def plain_mean(strips: Iterable[Pixels]) -> np.ndarray:
+    """(3,) mean of an image's linear colours, whatever their alpha."""
+    return mean_color(strip._replace(alpha=None) for strip in strips)[:3]
 
 
 def _color_config() -> str:

@@ -103,28 +103,30 @@ class Environment:
 
     def texture(self, evaluator: Evaluator, slot: Slot) -> np.ndarray | None:
         node = slot.node
-        pixels = self._images.environment(node)
-        if pixels is None:
+        is_whole = node.bl_idname == "ShaderNodeTexEnvironment" and node.projection == "EQUIRECTANGULAR"
+        light = self._images.environment(node) if is_whole else self._images.environment_average(node)
+        if light is None:
             why = self._images.problem(node) if node.image else f"{node_label(node)} has no image"
             self._note(f"{why}, drawn magenta")
             return np.array(MISSING)
         if is_moved(node.texture_mapping):
             self._note(f"the texture mapping of {node_label(node)} is not supported, left out: use a Mapping node")
-        if node.bl_idname != "ShaderNodeTexEnvironment" or node.projection != "EQUIRECTANGULAR":
-            return self._average(node, pixels, "is not an equirectangular environment")
+        if not is_whole:
+            return self._average(node, light, "is not an equirectangular environment")
         if node.interpolation != "Linear":
             kind = f"interpolation '{node.interpolation}' of image {node.image.name!r}"
             self._note(f"{kind} is not supported, drawn as 'Linear'", APPROXIMATED)
         rotation = self._rotation(evaluator, slot)
         if self._shape is None:
-            self._shape, self.rotation = pixels.shape, rotation
-        elif self._shape != pixels.shape or not np.allclose(rotation, self.rotation):
-            return self._average(node, pixels, "is a second environment of another size or rotation")
-        return pixels
+            self._shape, self.rotation = light.shape, rotation
+        elif self._shape != light.shape or not np.allclose(rotation, self.rotation):
+            mean = np.nan_to_num(light, posinf=0.0, neginf=0.0).mean(axis=(0, 1), dtype=np.float64)
+            return self._average(node, mean, "is a second environment of another size or rotation")
+        return light
 
-    def _average(self, node, pixels: np.ndarray, why: str) -> np.ndarray:
+    def _average(self, node, mean: np.ndarray, why: str) -> np.ndarray:
         self._note(f"image {node.image.name!r} {why}, its average colour is drawn")
-        return np.nan_to_num(pixels, posinf=0.0, neginf=0.0).mean(axis=(0, 1), dtype=np.float64)
+        return mean
 
     def _rotation(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
         """(3, 3) from a world direction to the one that is looked up, through any number of Mapping nodes."""

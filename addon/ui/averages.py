@@ -5,12 +5,11 @@ What bpy knows of an image is asked for before, on Blender's own thread.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from types import SimpleNamespace
 
-import numpy as np
-
-from ..export.images import Images, file_problem, image_path, mean_color, read_file
+from ..export.images import Images, Unreadable, file_problem, image_path
 from ..export.notes import Notes
 from ..export.stop import Stop
 
@@ -34,7 +33,8 @@ class Reading(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        self.mean = self.images.mean_of_file(self.image, self.path)
+        with contextlib.suppress(Unreadable):
+            self.mean = self.images.mean_of_file(self.image, self.path)
 
 
 class KeptAverages(Images):
@@ -79,11 +79,6 @@ class KeptAverages(Images):
             self._reading = Reading(self, key, image, path)
         else:
             super().average(node)
-
-    def mean_of_file(self, image, path: str) -> np.ndarray | None:
-        """On any thread: `image` has but the properties that tell how to take the file's pixels."""
-        pixels = read_file(path)
-        return None if pixels is None else mean_color(self._converted(image, pixels, multiplied=False))
 
     def wait(self) -> None:
         if self._reading is not None:

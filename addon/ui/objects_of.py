@@ -31,15 +31,9 @@ def objects_of(view_layer, depsgraph, groups: Sequence[Group]) -> list[list[bpy.
     return [[object_ for object_ in view_layer.objects if object_ in of_group] for of_group in found]
 
 
-def selectable(view_layer, depsgraph, groups: Sequence[Group]) -> list[bool]:
-    """Which groups have such objects. Instances, of which there may be millions, are looked at for the rest alone."""
-    direct = _direct(view_layer, _index(groups), len(groups))
-    has = [bool(of_group) for of_group in direct]
-    rest = [number for number, group in enumerate(groups) if not has[number] and group.kind in SELECTABLE]
-    if rest:
-        for number, of_group in zip(rest, objects_of(view_layer, depsgraph, [groups[n] for n in rest]), strict=True):
-            has[number] = bool(of_group)
-    return has
+def may_have_objects(group: Group) -> bool:
+    """Whether to offer a button for it: found at once, where `objects_of` may have to look at millions of instances."""
+    return any(_keys_of_group(group))
 
 
 def _index(groups: Sequence[Group]) -> dict[Key, set[int]]:

@@ -30,7 +30,7 @@ KINDS = {
             "lobe.clamp_indirect",
         ],
     ),
-    "performance": (RENDER, ["render.threads_mode", "render.use_persistent_data"]),
+    "performance": (RENDER, ["render.use_persistent_data"]),
 }  # fmt: skip
 
 

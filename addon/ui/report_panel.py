@@ -7,7 +7,7 @@ import bpy
 from .. import scene_report
 from ..check import LOBE_OT_check_scene
 from ..export.notes import APPROXIMATED, ERROR, SKIPPED, WARNING, Group
-from .objects_of import objects_of, selectable
+from .objects_of import may_have_objects, objects_of
 from .panel import LobePanel
 from .text import draw_text, is_narrower
 
@@ -27,7 +27,10 @@ SHOWN = 60  # rows; the text and the command line have no limit
 BUTTON_WIDTH = 52  # pixels at resolution scale 1, of the button beside a text
 NARROW = 270  # of a region in which the buttons go below the texts
 TOOLTIP_NAMES = 12
-NOTHING = "Nothing in this view layer has or places it: it may have gone since the list was made. Check the scene again"
+NOTHING = (
+    "Nothing in this view layer has or places it: it is in the background scene, or has gone since the list was made. "
+    "Check the scene again"
+)
 TEXT = "Scene Report"
 OWN = "lobe_report"  # a property of the texts that Lobe has made: the name they had then
 
@@ -122,18 +125,15 @@ def _text() -> bpy.types.Text:
 
 
 class _Buttons:
-    """Which groups of a report have objects to select in a view layer: looked up once, panels are drawn often."""
+    """Which groups of a report have a button: looked up once, panels are drawn often."""
 
     def __init__(self) -> None:
         self._report: scene_report.Report | None = None
-        self._layer = 0
         self._has: list[bool] = []
 
-    def has(self, context, report: scene_report.Report, group: Group) -> bool:
-        layer = context.view_layer.as_pointer()
-        if self._report is not report or self._layer != layer:
-            self._report, self._layer = report, layer
-            self._has = selectable(context.view_layer, context.evaluated_depsgraph_get(), report.groups)
+    def has(self, report: scene_report.Report, group: Group) -> bool:
+        if self._report is not report:
+            self._report, self._has = report, [may_have_objects(each) for each in report.groups]
         return self._has[report.groups.index(group)]
 
 
@@ -193,7 +193,7 @@ def _draw_groups(layout, context, report: scene_report.Report, groups: list[Grou
     column = layout.box().column()
     narrow = is_narrower(context, NARROW)
     for group in groups[:SHOWN]:
-        has_button = _buttons.has(context, report, group)
+        has_button = _buttons.has(report, group)
         row = column.column() if narrow else column.row()
         icon = LEVEL_ICONS.get(group.level) or ICONS[group.kind]
         text = group.what[:1].upper() + group.what[1:]

@@ -6,12 +6,13 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.lobe import engine
-from bl_ext.user_default.lobe.addon.export import export_scene, units
+from bl_ext.user_default.lobe.addon.export import export_scene, images, units
 from bl_ext.user_default.lobe.addon.export.materials.nodes_color import BLEND
 from bl_ext.user_default.lobe.addon.export.materials.nodes_math import MATH, VECTOR_MATH
 from bl_ext.user_default.lobe.addon.export.materials.surface import DARKER_EDGES
 from bl_ext.user_default.lobe.addon.export.notes import PRINCIPLED_GLOSS
 from bl_ext.user_default.lobe.addon.phong_group import phong_group
+from bl_ext.user_default.lobe.engine import memory
 
 from tests.blender.export_checks import add_camera, add_object, cycles_picture, depsgraph, new_material, plane_mesh
 
@@ -401,6 +402,68 @@ def test_alpha_counts_as_in_cycles(alpha_mode, outputs, tmp_path):
     assert scene.warnings == ["material 'M': image 'Half' is not mapped, its average colour is drawn"] + darkened * [
         "material 'M': image 'Half' has alpha that is not linked: its colour is drawn times its average alpha"
     ]
+
+
+@pytest.mark.parametrize("tile", [0, 16])
+@pytest.mark.parametrize(
+    ("suffix", "kind", "channels"), [("exr", "float", 4), ("tif", "uint8", 3), ("tif", "uint8", 4)]
+)
+def test_an_average_is_read_in_strips_and_takes_little_memory(suffix, kind, channels, tile, tmp_path, monkeypatch):
+    """Of rows of 70 pixels, in strips of 16, where none could be had for the whole; also of what begins elsewhere."""
+    import OpenImageIO as oiio
+
+    path = str(tmp_path / f"wall.{suffix}")
+    spec = oiio.ImageSpec(70, 50, channels, kind)
+    spec.attribute("oiio:UnassociatedAlpha", int(suffix != "exr"))
+    spec.tile_width = spec.tile_height = tile
+    if suffix == "exr":
+        spec.x, spec.y = 5, -7
+    file = oiio.ImageOutput.create(path)
+    assert file.open(path, spec)
+    random = np.random.default_rng(2).random((50, 70, channels), np.float32)
+    file.write_image(random * np.linspace(0, 1, 50, dtype=np.float32)[:, None, None])  # no strip is like another
+    file.close()
+    material, diffuse = new_material("M", "ShaderNodeBsdfDiffuse")
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(path)
+    texture.image.colorspace_settings.name = "Linear Rec.709" if suffix == "exr" else "sRGB"
+    material.node_tree.links.new(texture.outputs["Color"], diffuse.inputs["Color"])
+    whole = images.read_file(path)
+    linear = whole.color if suffix == "exr" else units.srgb_to_linear(whole.color / np.float32(255))
+    expected = linear.mean(axis=(0, 1)) if channels == 3 else (linear * whole.alpha[..., None]).mean(axis=(0, 1))
+
+    monkeypatch.setattr(images, "STRIP", 70 * 20)
+    monkeypatch.setattr(memory, "available", lambda: 0.0)
+    strips = list(images.file_strips(path))
+    assert [len(strip.color) for strip in strips] == ([16, 16, 16, 2] if tile else [20, 20, 10])
+    assert np.array_equal(np.concatenate([strip.color for strip in reversed(strips)]), whole.color)
+    result, warnings = exported(material)
+    assert result.kd == pytest.approx(expected, rel=1e-5)
+    assert warnings[0] == f"material 'M': image 'wall.{suffix}' is not mapped, its average colour is drawn"
+
+
+@pytest.mark.parametrize("is_float", [False, True])
+def test_an_average_of_what_blender_has_is_taken_in_strips(is_float, monkeypatch):
+    image = bpy.data.images.new("Wall", 70, 50, float_buffer=is_float)
+    pixels = np.random.default_rng(2).random((50, 70, 4), np.float32)
+    pixels[..., 3] = 1.0
+    image.pixels.foreach_set((pixels * np.linspace(0.1, 1, 50, dtype=np.float32)[:, None, None]).ravel())
+    image.pack()
+    material, diffuse = new_material("M", "ShaderNodeBsdfDiffuse")
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = image
+    material.node_tree.links.new(texture.outputs["Color"], diffuse.inputs["Color"])
+    expected, _ = exported(material)
+    monkeypatch.setattr(images, "STRIP", 70 * 20)
+    assert [len(strip.color) for strip in images.datablock_strips(image)] == [20, 20, 10]
+    monkeypatch.setattr(memory, "available", lambda: 70.0 * 50 * 16)
+    assert exported(material)[0].kd == pytest.approx(expected.kd, rel=1e-9)
+
+    monkeypatch.setattr(memory, "available", lambda: 70.0 * 50 * 16 - 1)
+    result, warnings = exported(material)
+    assert result.kd == (1.0, 0.0, 1.0)
+    too_large = "needs more memory than can be had (as a file of its own it would need little)"
+    assert warnings == [f"material 'M': image 'Wall' {too_large}, drawn magenta"]
 
 
 def test_missing_images_are_magenta_and_named():

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.lobe import engine
-from bl_ext.user_default.lobe.addon.export import export_scene
+from bl_ext.user_default.lobe.addon.export import export_scene, images
 from bl_ext.user_default.lobe.engine import memory
 
 from tests.blender.export_checks import add_camera, cycles_picture, depsgraph, node_tree
@@ -205,6 +205,31 @@ def test_alpha_of_an_environment(space, kind, suffix, mode, packed, tmp_path):
         image.pack()
     add_environment(tree, background, image)
     assert_as_in_cycles(tmp_path)
+
+
+@pytest.mark.parametrize(("space", "suffix"), [("sRGB", "png"), ("Linear Rec.709", "exr")])
+@pytest.mark.parametrize("packed", [False, True])
+def test_what_is_no_environment_counts_with_its_average(space, suffix, packed, tmp_path, monkeypatch):
+    """That of what it would shine with; where a file doesn't fit the memory too."""
+    tree, background = new_world()
+    image = image_with_alpha(tmp_path, space, "uint8" if suffix == "png" else "float", suffix)
+    if packed:
+        image.pack()
+    node = add_environment(tree, background, image)
+    add_camera()
+    expected = export_scene(depsgraph()).world.image.mean(axis=(0, 1))
+    node.projection = "MIRROR_BALL"
+    monkeypatch.setattr(images, "STRIP", 64 * 5)
+    for room in (1e9, 0.0):
+        monkeypatch.setattr(memory, "available", lambda room=room: room)
+        scene = export_scene(depsgraph())
+        if room or not packed:
+            remark = "is not an equirectangular environment, its average colour is drawn"
+            assert scene.world.color == pytest.approx(list(expected), rel=1e-5)
+        else:
+            remark = "needs more memory than can be had (as a file of its own it would need little), drawn magenta"
+            assert scene.world.color == (1.0, 0.0, 1.0)
+        assert scene.world.image is None and scene.warnings == [f"world 'World': image {image.name!r} {remark}"]
 
 
 @pytest.mark.parametrize("interpolation", ["Closest", "Cubic", "Smart"])

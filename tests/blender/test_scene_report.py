@@ -803,11 +803,8 @@ def set_by_nodes(*kinds: str):
 
 def with_buttons(part) -> set[tuple[str, str]]:
     """Kind and text of the lines of the report that have a button."""
-    report = part("scene_report").report_of(bpy.context.scene)
-    objects_of = part("ui.objects_of")
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    has = objects_of.selectable(bpy.context.view_layer, depsgraph, report.groups)
-    return {(group.kind, group.what) for group, has in zip(report.groups, has, strict=True) if has}
+    report, buttons = part("scene_report").report_of(bpy.context.scene), part("ui.report_panel")._buttons
+    return {(group.kind, group.what) for group in report.groups if buttons.has(report, group)}
 
 
 def test_the_button_selects_what_nodes_give_a_material(scene, part, checked) -> None:
@@ -827,8 +824,8 @@ def test_the_button_selects_what_places_an_object_by_nodes(scene, part, checked)
     assert select(part, "shadow catchers") == {"Plane"}
 
 
-def test_no_button_where_nothing_can_be_selected(scene, part, checked) -> None:
-    """Objects of the background scene, and the image of the world."""
+def test_a_button_that_finds_nothing_says_so(scene, part, checked) -> None:
+    """Objects of the background scene. The image of the world has no button: no object can have it."""
     other = bpy.data.scenes.new("Background")
     scene.background_set = other
     catcher = bpy.data.objects.new("Catcher", plane_mesh(name="Catcher"))
@@ -842,12 +839,12 @@ def test_no_button_where_nothing_can_be_selected(scene, part, checked) -> None:
     nodes.links.new(texture.outputs[0], background.inputs["Color"])
     groups = checked()
     assert {(group.kind, *group.names) for group in groups} >= {("object", "Catcher"), ("image", "Sky")}
-    assert not with_buttons(part)
+    assert {kind for kind, _ in with_buttons(part)} == {"object"}
     for index in range(len(groups)):
         assert bpy.ops.lobe.select_reported(index=index) == {"CANCELLED"}
     feed("BsdfDiffuse", "ShaderNodeTexImage").image = texture.image
     checked()
-    assert {kind for kind, _ in with_buttons(part)} == {"image", "material"}
+    assert {kind for kind, _ in with_buttons(part)} == {"image", "material", "object"}
 
 
 def test_instances_are_walked_only_where_something_could_be_found(scene, part) -> None:
@@ -868,10 +865,10 @@ def test_instances_are_walked_only_where_something_could_be_found(scene, part) -
     for name, walks in (("Sky", 0), ("Wood", 1)):
         notes.warn("image", name, "UDIM tiles are not supported, only the first is read")
         groups = part("export").grouped(notes.all[-1:])
-        assert part("ui.objects_of").selectable(bpy.context.view_layer, depsgraph, groups) == [False]
-        assert depsgraph.walks == walks
+        assert part("ui.objects_of").may_have_objects(groups[0]) == bool(walks)
+        assert depsgraph.walks == 0
         assert part("ui.objects_of").objects_of(bpy.context.view_layer, depsgraph, groups) == [[]]
-        assert depsgraph.walks == 2 * walks
+        assert depsgraph.walks == walks
 
 
 def test_the_button_says_when_nothing_is_left(scene, part, checked) -> None:
