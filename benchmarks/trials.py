@@ -213,7 +213,7 @@ TRIALS = (
         "sixteen numbers in a register, not eight",
         True,
         "none where registers are as wide",
-        [(KERNELS + "simd/types.py", "WIDTH = 16 ", "WIDTH = 8 ")],
+        [(KERNELS + "simd/types.py", "\nWIDTH = 16\n", "\nWIDTH = 8\n")],
     ),
     Trial(
         "arithmetic as written",
