@@ -379,11 +379,18 @@ def run(options: argparse.Namespace, say) -> None:
 
 
 def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Path = common.RESULTS) -> None:
-    quote(page, list_of_tried(common.read_table("trials", folder)), MARKS)
+    quote(page, section(common.read_table("trials", folder)), MARKS)
+
+
+def section(rows: list[dict[str, str]]) -> str:
+    """What stands in benchmarks/README.md: the list and where it comes from, or that there is none."""
+    if not rows:
+        return "Not measured yet.\n"
+    return list_of_tried(rows) + "\nScene by scene: [trials.md](results/trials.md).\n"
 
 
 def list_of_tried(rows: list[dict[str, str]]) -> str:
-    """What benchmarks/README.md says: of each technique, relMSE x seconds without it over that with it."""
+    """Of each technique, relMSE x seconds without it over that with it."""
     measured = {row["instead"]: row for row in rows}
     table = []
     for trial in TRIALS:
@@ -397,7 +404,7 @@ def list_of_tried(rows: list[dict[str, str]]) -> str:
                     "kept": "yes" if trial.kept else "no",
                 }
             )
-    return common.markdown(table) if table else ""
+    return common.markdown(table)
 
 
 def costs(row: dict[str, str]) -> list[float]:
