@@ -23,7 +23,6 @@ from pathlib import Path
 
 import common
 import numpy as np
-from classic import joined
 from common import br
 from scale import Rounds, forget_peak, in_turn, peak_mb, ratio_text, seconds
 from tqdm import tqdm
@@ -55,7 +54,7 @@ def measure(name: str, options: argparse.Namespace) -> dict:
     """A scene's row."""
     scene = common.prepare(common.scene_path(name), options.resolution, options.threads)
     half = options.reference_samples // 2
-    reference, noise = joined([common.render(scene, "LOBE", half, seed)[0] for seed in REFERENCE_SEEDS])
+    reference, noise = metrics.joined([common.render(scene, "LOBE", half, seed)[0] for seed in REFERENCE_SEEDS])
 
     def steps(ways: dict[str, int]) -> dict[Hashable, Callable[[], dict]]:
         """Each has a count of its own, so that all have the same seed in a round."""
@@ -150,8 +149,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=16, metavar="N", help="default: 16")
     parser.add_argument("--reference-samples", type=whole_number(2, 1 << 24), default=2048, metavar="N",
                         help="default: 2048")  # fmt: skip
-    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
-                        help="for tables; default: benchmarks/results")  # fmt: skip
+    common.add_results(parser)
     return parser.parse_args(arguments)
 
 

@@ -17,7 +17,6 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import common
@@ -238,8 +237,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="to begin with, doubled while blocks are noisy; default: 4")  # fmt: skip
     parser.add_argument("--most-seeds", type=whole_number(2, 1000), default=64, metavar="N", help="default: 64")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N", help="default: 2")
-    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
-                        help="for tables; default: benchmarks/results")  # fmt: skip
+    common.add_results(parser)
     return parser.parse_args(arguments)
 
 

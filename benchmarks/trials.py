@@ -338,7 +338,7 @@ def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, np.nda
     return row | {"geometric mean": f"{stats.gmean([c.cost for c in found.values()]):.2f}"}
 
 
-def parse() -> argparse.Namespace:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: all of {', '.join(t.name for t in TRIALS)}")
     parser.add_argument("--resolution", type=resolution, default=(120, 80), metavar="WxH")
@@ -347,7 +347,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
     parser.add_argument("--list", action="store_true", help="render nothing: write the list anew from trials.csv")
-    return parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
 
 
 def chosen(names: list[str]) -> list[Trial]:
@@ -373,8 +374,9 @@ def run(options: argparse.Namespace, say) -> None:
             references[name] = usual.render(long)[0].astype(np.float64)
         for trial in tqdm(trials, file=sys.stderr):
             rows.append(measure(trial, scenes, references, usual, options))
-            table = common.update_table("trials", ("instead",), rows, note=NOTE)
-    quote_list()
+            table = common.update_table("trials", ("instead",), rows, folder=options.results, note=NOTE)
+    if options.results == common.RESULTS:
+        quote_list()
     say(table)
 
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tools import metrics
 from tools.blender_render import ToolError
 
 
 @pytest.fixture(scope="module")
-def denoise(repository):
-    spec = importlib.util.spec_from_file_location("benchmarks_denoise", repository / "benchmarks" / "denoise.py")
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        spec.loader.exec_module(module)
-        yield module
+def denoise(script):
+    return script("denoise")
 
 
 def rounds(*pairs: tuple[float, float]) -> list[dict]:
@@ -80,7 +75,7 @@ def test_the_noise_of_the_reference_is_taken_off(denoise, monkeypatch):
     """Pictures and halves of a reference of known noise around a truth of 1: what is left is the pictures' own."""
     rng = np.random.default_rng(1)
     scene = SimpleNamespace(lobe=SimpleNamespace(), view_layers=[SimpleNamespace(lobe=SimpleNamespace())])
-    reference, noise = denoise.joined([rng.normal(1.0, 0.02, (256, 256, 3)) for _ in range(2)])
+    reference, noise = metrics.joined([rng.normal(1.0, 0.02, (256, 256, 3)) for _ in range(2)])
     picture = rng.normal(1.0, 0.03, (256, 256, 3))
     monkeypatch.setattr(denoise.common, "render", lambda *_: (picture, {"warnings": []}))
     found = denoise.shoot(scene, denoise.NOISY, 1, itertools.count(1), reference, noise)["relMSE"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 
 import numpy as np
@@ -14,14 +13,8 @@ enable_lobe()  # before anything imports bpy
 
 
 @pytest.fixture(scope="module")
-def materials(repository):
-    """Under a name of its own: a checkout in a folder `materials` is a package of that name to pytest."""
-    spec = importlib.util.spec_from_file_location("benchmarks_materials", repository / "benchmarks" / "materials.py")
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        spec.loader.exec_module(module)
-        yield module
+def materials(script):
+    return script("materials")
 
 
 def pictures(seed: int, low: float = 1.0) -> np.ndarray:

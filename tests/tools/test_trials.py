@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-
 import pytest
 
 from engine import Settings
@@ -11,10 +9,8 @@ from tools.blender_render import ToolError
 
 
 @pytest.fixture(scope="module")
-def trials(repository):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        yield importlib.import_module("trials")
+def trials(script):
+    return script("trials")
 
 
 def test_each_edit_finds_its_text(trials, tmp_path):
