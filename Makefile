@@ -29,8 +29,8 @@ test-long: $(INSTALLED)
 	exit $$status
 
 test-gui: $(INSTALLED)
-	@$(RUN) -c 'import sys; from tests.blender.real_blender import WITH_WINDOW, NO_WINDOW; sys.exit(not WITH_WINDOW and NO_WINDOW)'
-	$(RUN) -m pytest tests/blender/test_gui.py tests/blender/test_viewport_window.py tests/blender/test_compare_window.py
+	@window=$$($(RUN) -c 'from tests.blender.real_blender import named; print(named())') && \
+	LOBE_BLENDER_WINDOW="$$window" $(RUN) -m pytest tests/blender/test_gui.py tests/blender/test_viewport_window.py tests/blender/test_compare_window.py
 
 bench: $(INSTALLED)
 	$(RUN) tools/bench.py all

@@ -18,6 +18,7 @@ _INT_MAX = (1 << 31) - 1
 _FLOAT_MAX = 3.4e38  # FloatProperty holds a float32
 
 # Value of an enum -> what the menu shows, and its tooltip.
+# "About twice the noise" is measured by the trial "uniform directions for diffuse" of benchmarks/trials.py.
 _CHOICES_TEXT = {
     "COSINE": ("Cosine", "Draw diffuse directions in proportion to the cosine. The least noise: leave it here"),
     "UNIFORM": ("Uniform", "Draw diffuse directions evenly over the hemisphere. About twice the noise; for teaching"),
@@ -93,6 +94,7 @@ class LobeSettings(bpy.types.PropertyGroup):
         soft_max=0.1,
         **_limits("adaptive_threshold"),
     )
+    # Seconds and memory: benchmarks/results/denoise_large.md.
     use_denoising: BoolProperty(
         name="Denoise",
         description="Smooth the noise that is left in the finished picture with OpenImageDenoise, which Blender "

@@ -81,10 +81,14 @@ def measure(name: str, resolution: tuple[int, int], samples: int, threads: int, 
 
 def export(name: str, resolution: tuple[int, int], samples: int, threads: int):
     """(engine.Scene, engine.Settings) of a sample scene with a box filter and no adaptive sampling."""
+    return export_open(common.prepare(common.scene_path(name), resolution, threads), samples)
+
+
+def export_open(blend, samples: int):
+    """The same of the scene that is in Blender's window."""
     import bpy
     from bl_ext.user_default.lobe.addon.export import export_scene, export_settings
 
-    blend = common.prepare(common.scene_path(name), resolution, threads)
     blend.lobe.samples = samples
     settings = export_settings(blend)
     return export_scene(bpy.context.evaluated_depsgraph_get()), replace(settings, use_adaptive_sampling=False)

@@ -79,13 +79,6 @@ def rows_of(name: str, where: str, road: str, curves: Sequence[Curve]) -> list[d
     ]  # fmt: skip
 
 
-def joined(halves: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-    """The mean of two renders of equal samples and other seeds, and the relMSE that this mean has itself."""
-    a, b = (half.astype(np.float64) for half in halves)
-    mean = (a + b) / 2
-    return mean, float((((a - b) / 2) ** 2 / (mean**2 + metrics.REL_MSE_EPSILON)).mean())
-
-
 def levels(most: int) -> list[int]:
     """1, 4, 16, ... and `most`."""
     powers = [LEVEL_FACTOR**k for k in range(12) if LEVEL_FACTOR**k < most]
@@ -123,7 +116,7 @@ def measure(name: str, options: argparse.Namespace) -> tuple[dict, list[Curve], 
         for seed in (REFERENCE_SEED, REFERENCE_SEED + 1):
             halves.append(render(scene, settings(half, seed)).pixels[..., :3])
             bar.update(half)
-        reference, noise = joined(halves)
+        reference, noise = metrics.joined(halves)
         lobe = [
             curve(scene, [settings(n, seed) for n in ours], reference, bar)
             for seed in range(SEED, SEED + options.seeds)
@@ -165,7 +158,7 @@ def plot(name: str, lobe: Curve, plain: Curve, path: Path) -> None:
     figure.savefig(path, metadata={"Software": None})
 
 
-def parse() -> argparse.Namespace:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "scenes", nargs="*", default=list(SCENES), metavar="SCENE", help="default: the two classic ones"
@@ -176,7 +169,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--reference-samples", type=whole_number(2, 1 << 24), default=2048, metavar="N")
     parser.add_argument("--seeds", type=whole_number(1, 1000), default=3, metavar="N", help="Lobe's")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
-    return parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
 
 
 def main() -> int:
@@ -186,11 +180,12 @@ def main() -> int:
             common.enable_lobe()
             for name in options.scenes:
                 row, lobe, plain = measure(name, options)
-                table = common.update_table("classic", ("scene", "resolution", "plain samples"), [row])
+                table = common.update_table("classic", ("scene", "resolution", "plain samples"), [row],
+                                            folder=options.results)  # fmt: skip
                 where = row["resolution"]
                 rows = rows_of(name, where, "Lobe", lobe) + rows_of(name, where, "plain", [plain])
-                common.update_table("classic_curves", ("scene", "resolution"), rows)
-                plot(name, typical(lobe), plain, common.RESULTS / f"classic_{name}.png")
+                common.update_table("classic_curves", ("scene", "resolution"), rows, folder=options.results)
+                plot(name, typical(lobe), plain, options.results / f"classic_{name}.png")
                 say(table)
         except br.ToolError as error:
             print(f"classic.py: {error}", file=sys.stderr)

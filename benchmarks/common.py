@@ -7,6 +7,7 @@ engine's own time as a claim.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import sys
 from collections.abc import Callable, Iterable
@@ -26,8 +27,8 @@ RESULTS = ROOT / "benchmarks" / "results"
 SUMMARY = "geometric mean"  # what the names of rows that sum up others begin with
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
-__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "br", "enable_lobe", "engine_label", "leave_out",
-           "markdown", "prepare", "read_table", "render", "scene_path", "update_table"]  # fmt: skip
+__all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "add_results", "br", "enable_lobe", "engine_label",
+           "leave_out", "markdown", "prepare", "read_table", "render", "scene_path", "update_table"]  # fmt: skip
 
 
 def scene_path(name: str) -> Path:
@@ -78,6 +79,12 @@ def render(scene, engine: str, samples: int, seed: int) -> tuple[np.ndarray, dic
 
 def engine_label(engine: str) -> str:
     return {"LOBE": "Lobe", "CYCLES": "Cycles", "REFERENCE": "the reference road"}[engine]
+
+
+def add_results(parser: argparse.ArgumentParser) -> None:
+    """The option that keeps a trial run from writing into the tables that the pages quote."""
+    parser.add_argument("--results", type=Path, default=RESULTS, metavar="FOLDER",
+                        help="for tables; default: benchmarks/results")  # fmt: skip
 
 
 def update_table(

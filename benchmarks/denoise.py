@@ -6,7 +6,7 @@ time buys in samples.
 Each sample scene is rendered noisy, denoised, denoised with *Denoising Data* ticked, and noisy with as many samples as
 the time of the denoised picture allows, in turn, from the same seeds. Times are of everything from pressing F12 on;
 ratios are of one round, and a column gives their median with the smallest and the largest. Errors are means over the
-rounds, against the mean of two long renders with other seeds, whose own noise stands beside them. Then the library
+rounds, against the mean of two long renders with other seeds, whose own noise is taken off. Then the library
 alone denoises pictures of full HD: seconds, and how far the process's memory grows. Writes denoise.csv,
 denoise_large.csv and the same as .md to benchmarks/results/, and the errors into docs/settings.md.
 """
@@ -23,7 +23,6 @@ from pathlib import Path
 
 import common
 import numpy as np
-from classic import joined
 from common import br
 from scale import Rounds, forget_peak, in_turn, peak_mb, ratio_text, seconds
 from tqdm import tqdm
@@ -34,42 +33,46 @@ from tools.render import resolution, whole_number
 
 NOISY, DENOISED, GUIDED, MORE = "noisy", "denoised", "with Denoising Data", "more samples"
 REFERENCE_SEEDS = 1001, 1002
+PILOT_ROUNDS = 3
 LARGE = 1920, 1080
 PAGE = common.ROOT / "docs" / "settings.md"
 MARKS = "<!-- the table of denoise.py -->\n", "<!-- its end -->\n"
 
 
-def shoot(scene, way: str, samples: int, seeds: Iterator[int], reference: np.ndarray) -> dict:
-    """The report of a render, and in it the picture's relMSE."""
+def shoot(scene, way: str, samples: int, seeds: Iterator[int], reference: np.ndarray, noise: float) -> dict:
+    """The report of a render, and in it the picture's relMSE, less the `noise` that the reference adds to it."""
     scene.lobe.use_denoising = way in (DENOISED, GUIDED)
     scene.view_layers[0].lobe.denoising_data = way == GUIDED
     picture, report = common.render(scene, "LOBE", samples, next(seeds))
     for warning in report["warnings"]:
         if "not denoised" in warning:
             raise br.ToolError(warning)
-    return {**report, "relMSE": metrics.rel_mse(picture, reference)}
+    return {**report, "relMSE": metrics.rel_mse(picture, reference) - noise}
 
 
 def measure(name: str, options: argparse.Namespace) -> dict:
     """A scene's row."""
     scene = common.prepare(common.scene_path(name), options.resolution, options.threads)
     half = options.reference_samples // 2
-    reference, noise = joined([common.render(scene, "LOBE", half, seed)[0] for seed in REFERENCE_SEEDS])
+    reference, noise = metrics.joined([common.render(scene, "LOBE", half, seed)[0] for seed in REFERENCE_SEEDS])
 
     def steps(ways: dict[str, int]) -> dict[Hashable, Callable[[], dict]]:
         """Each has a count of its own, so that all have the same seed in a round."""
-        return {way: partial(shoot, scene, way, n, itertools.count(1), reference) for way, n in ways.items()}
+        return {way: partial(shoot, scene, way, n, itertools.count(1), reference, noise) for way, n in ways.items()}
 
-    pilot = in_turn(steps({NOISY: options.samples, DENOISED: options.samples}), 2, f"{name}, pilot")
+    pilot = in_turn(steps({NOISY: options.samples, DENOISED: options.samples}), PILOT_ROUNDS, f"{name}, pilot")
     more = samples_for(pilot, options.samples)
     ways = dict.fromkeys((NOISY, DENOISED, GUIDED), options.samples) | {MORE: more}
     return row(name, in_turn(steps(ways), options.runs, name), more, noise, options)
 
 
 def samples_for(pilot: Rounds, samples: int) -> int:
-    """How many samples take as long as denoising a picture of `samples`, by a pilot of both."""
-    noisy, denoised = (np.median(seconds(pilot[way], "total")) for way in (NOISY, DENOISED))
-    return max(round(samples * float(denoised / noisy)), samples)
+    """How many samples take as long as denoising a picture of `samples`, by a pilot of both.
+
+    What denoising takes longer buys samples alone: export, build and start take as long for any number of them.
+    """
+    longer = np.median(seconds(pilot[DENOISED], "total") - seconds(pilot[NOISY], "total"))
+    return max(round(samples * (1.0 + float(longer / np.median(seconds(pilot[NOISY], "render"))))), samples)
 
 
 def row(name: str, found: Rounds, more: int, noise: float, options: argparse.Namespace) -> dict:
@@ -146,8 +149,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=16, metavar="N", help="default: 16")
     parser.add_argument("--reference-samples", type=whole_number(2, 1 << 24), default=2048, metavar="N",
                         help="default: 2048")  # fmt: skip
-    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
-                        help="for tables; default: benchmarks/results")  # fmt: skip
+    common.add_results(parser)
     return parser.parse_args(arguments)
 
 

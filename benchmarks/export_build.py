@@ -106,12 +106,17 @@ def measure(name: str, options: argparse.Namespace) -> dict:
     }
 
 
-def main() -> int:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=[MESH, "instances"], metavar="SCENE")
     parser.add_argument("--runs", type=whole_number(1, 100), default=3)
     parser.add_argument("--threads", type=whole_number(0, 1024), default=2)
-    options = parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    options = parse()
     with br.quiet_stdout() as say:
         try:
             common.enable_lobe()
@@ -120,7 +125,7 @@ def main() -> int:
         except br.ToolError as error:
             print(f"export_build.py: {error}", file=sys.stderr)
             return 2
-        say(common.update_table("export_build", ("scene", "threads"), rows))
+        say(common.update_table("export_build", ("scene", "threads"), rows, folder=options.results))
     return 0
 
 

@@ -23,13 +23,13 @@ from tqdm import tqdm
 from benchmarks import common
 from benchmarks.common import br
 from engine import render, schedule
-from engine.features import EMITTER_TREE, Features
+from engine.features import EMITTER_TREE, EVERYTHING, Features
 from engine.kernels.tile import new_memory
 from engine.pack import pack
 from engine.scene import Camera, Scene
 from engine.settings import Settings
 from tools import metrics
-from tools.forcing import EVERYTHING, forced
+from tools.forcing import forced
 
 SAMPLES = 16
 COMPILATIONS = 3

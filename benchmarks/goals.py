@@ -19,9 +19,11 @@ import numpy as np  # noqa: E402
 
 from benchmarks import common  # noqa: E402
 from benchmarks.convergence import plan, tables  # noqa: E402
+from tools import metrics  # noqa: E402
 
 MARKS = "<!-- the table of goals.py -->\n", "<!-- its end -->\n"
 TIME_MARKS = "<!-- goals.py: where the time goes -->\n", "<!-- its end -->\n"
+GROWTH_MARKS = "<!-- goals.py: what grows -->\n", "<!-- its end -->\n"
 LARGEST = 3  # parts of the kernel that are named
 PAGE = ROOT / "benchmarks" / "README.md"
 YES, NO, UNKNOWN = "yes", "no", "not measured"
@@ -111,10 +113,26 @@ def logarithmic(rows: Sequence[Row]) -> tuple[str, str]:
     times = np.array([first_number(row["render / that of 1e3"]) for row in rows], float)
     if len(rows) < 3:
         return UNKNOWN, ""
-    decades = np.log10(counts)
-    apart = float(np.abs(np.polyval(np.polyfit(decades, times, 1), decades) / times - 1).max())
+    apart = metrics.logarithm(counts, times)[2]
     text = f"from {counts.min():.0e} to {counts.max():.0e} {times[counts.argmax()]:.2f} times; "
     return YES if apart <= NEAR_LINE else NO, text.replace("e+0", "e") + f"up to {apart:.0%} from a straight line"
+
+
+def viewport(figures: str, limit: float, at_least: bool) -> Judge:
+    """Of the rows of the viewport whose figures begin so, medians aside: reached is what holds in a window too."""
+    worst_of = worst("value", "what", limit, at_least)
+
+    def judge(rows: Sequence[Row]) -> tuple[str, str]:
+        rows = [row for row in rows if row["what"].startswith(figures) and not row["what"].endswith("median")]
+        in_window = {row["Blender"] for row in rows} - {"none"}
+        rows = [row if row["Blender"] == "none" else row | {"what": f"Blender {row['Blender']}, {row['what']}"}
+                for row in rows]  # fmt: skip
+        verdict, measured = worst_of(rows)
+        if not rows or in_window:
+            return verdict, measured
+        return NO if verdict == NO else UNKNOWN, f"{measured}; not measured: in a window"
+
+    return judge
 
 
 GOALS = (
@@ -142,6 +160,10 @@ GOALS = (
          TWO | {"number": "1e5"}),
     Goal("2 threads at least 1.9 times as fast as one", "scale_threads",
          worst("render, one thread / two", "scene", 1.9, True, common.SCENES)),
+    Goal("viewport of 100,000 triangles: each change is seen within 100 ms", "viewport",
+         viewport("ms from", 100.0, False)),
+    Goal("viewport of 100,000 triangles: at least 10 new pictures a second while it moves", "viewport",
+         viewport("new pictures a second", 10.0, True)),
 )  # fmt: skip
 
 
@@ -153,17 +175,52 @@ def where_time_goes(folder: Path = common.RESULTS) -> str:
     """Of the table of `hotspots.py`: Embree's share, and the largest of the kernel's parts."""
     rows = []
     for row in common.read_table("hotspots", folder):
-        parts = {part: share for part, share in row.items() if share.endswith("%")}
+        parts = shares(row)
         embree = parts.pop("Embree")
-        largest = sorted(parts.items(), key=lambda part: -float(part[1].rstrip("%")))[:LARGEST]
-        shares = ", ".join(f"{part} {share}" for part, share in largest)
-        rows.append({"scene": row["scene"], "Embree": embree, "then": shares})
+        rows.append({"scene": row["scene"], "Embree": f"{embree:.0%}", "then": largest(parts)})
     return common.markdown(rows) if rows else ""
+
+
+def what_grows(folder: Path = common.RESULTS) -> str:
+    """Of the table of `hotspots.py --scale`: how much longer a render of many takes than one of few, and which parts
+    have the largest shares of what it takes longer."""
+    kept = common.read_table("hotspots_scale", folder)
+    rows = []
+    for scene in sorted({row["scene"] for row in kept}):
+        few, *more = sorted((row for row in kept if row["scene"] == scene), key=lambda row: float(row["number"]))
+        many = more[-1] if more else few
+        before, after = float(few["s a render"]), float(many["s a render"])
+        if after <= before:
+            continue
+        with_few, with_many = shares(few), shares(many)
+        longer = {part: (with_many[part] * after - with_few[part] * before) / (after - before) for part in with_many}
+        rows.append({
+            "scene": f"{scene}, {few['number']} to {many['number']}",
+            "a render takes": f"{after / before:.2f} times as long",
+            "of what it takes longer": largest(longer),
+        })  # fmt: skip
+    if not kept:
+        return "Not measured yet.\n"
+    if not rows:
+        return "Nothing.\n"
+    return f"{common.markdown(rows)}\nAll parts: [hotspots_scale.md](results/hotspots_scale.md).\n"
+
+
+def shares(row: Row) -> dict[str, float]:
+    """Of a row of `hotspots.py`: each part's share of the time."""
+    return {part: float(share.rstrip("%")) / 100 for part, share in row.items() if share.endswith("%")}
+
+
+def largest(parts: dict[str, float]) -> str:
+    """As text, of shares of the whole."""
+    first = sorted(parts.items(), key=lambda part: -part[1])[:LARGEST]
+    return ", ".join(f"{part} {share:.0%}" for part, share in first)
 
 
 def write(page: Path = PAGE, folder: Path = common.RESULTS) -> None:
     tables.quote(page, table(folder), MARKS)
     tables.quote(page, where_time_goes(folder), TIME_MARKS)
+    tables.quote(page, what_grows(folder), GROWTH_MARKS)
 
 
 if __name__ == "__main__":

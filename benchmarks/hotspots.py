@@ -1,9 +1,13 @@
-"""Where a render's time goes: Embree, and each part of the kernel, `python benchmarks/hotspots.py`.
+"""Where a render's time goes: Embree, and each part of the kernel.
+
+    python benchmarks/hotspots.py           # of the sample scenes
+    python benchmarks/hotspots.py --scale   # of those of scale.py, with few and with many lamps, triangles, ...
 
 Linux's `perf` takes some thousand samples a second of where the processor is while each sample scene renders on one
 thread; binutils' `addr2line` says which functions of the kernel, inlined into each other as they all are, an address
 belongs to. Each sample counts for the part that asked: a table's lookup for the light tree if that looked it up. Writes
-hotspots.csv and .md into benchmarks/results/. Shares of a few per cent depend on how LLVM mixes what it inlines.
+hotspots.csv and .md, or hotspots_scale.csv and .md, into benchmarks/results/; benchmarks/goals.py quotes both. Shares
+of a few per cent depend on how LLVM mixes what it inlines.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import os
 import re
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -22,14 +27,17 @@ from collections import Counter
 from pathlib import Path
 
 import common
+import scale_scenes
 from common import br
 from tqdm import tqdm
 
-from tools.render import resolution, seconds
+from tools.render import resolution, seconds, whole_number
 
 SAMPLES = 64
 FREQUENCY = 4000  # samples a second
 WARMING_UP = 0.5  # seconds until `perf` listens
+FEW_AND_MANY = {"lamps": (10**2, 10**5), "emissive triangles": (10**2, 10**5), "triangles": (10**3, 10**7)}
+Number = tuple[str, int]  # which of `scale_scenes.MAKERS`, and how many
 
 # Parts by the start of a file's path in engine/kernels, the first that fits. What is in no part is a helper: its
 # callers are asked.
@@ -56,28 +64,56 @@ def part_of(chain: list[str]) -> str:
     return OTHER
 
 
-def measure(name: str, options: argparse.Namespace) -> dict[str, str]:
-    """A row of the table."""
+def measure(scene: str | Number, options: argparse.Namespace) -> dict[str, str]:
+    """A row of the table, of a sample scene or any .blend, or of one of scale_scenes."""
     with tempfile.TemporaryDirectory() as folder:
         # Lines are known of kernels that were compiled with them, in this very process: from the cache they come bare.
         environment = {**os.environ, "LOBE_CACHE_DIR": folder, "NUMBA_DEBUGINFO": "1"}
-        task = json.dumps([name, options.resolution, options.seconds, folder])
+        task = json.dumps([scene, options.resolution, options.seconds, folder])
         command = [sys.executable, __file__, "--render", task]
         subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, check=True)
         counted = _parts(Path(folder))
+        a_render = float((Path(folder) / "seconds.txt").read_text())
+    return row(scene, counted, a_render, options)
+
+
+def row(scene: str | Number, counted: Counter[str], a_render: float, options: argparse.Namespace) -> dict[str, str]:
+    """counted: samples of each part; a_render: seconds, which are told of scenes that stand beside larger ones."""
     total = counted.total()
     shares = {part: f"{counted[part] / total:.0%}" for part in (EMBREE, *PARTS, OTHER)}
-    return {"scene": name, "resolution": "{}x{}".format(*options.resolution), "samples": str(total), **shares}
+    size = "{}x{}".format(*options.resolution)
+    if isinstance(scene, str):
+        return {"scene": scene, "resolution": size, "samples": str(total), **shares}
+    kind, count = scene
+    number = f"{count:.0e}".replace("e+0", "e")
+    return {"scene": kind, "number": number, "resolution": size, "s a render": f"{a_render:.4f}",
+            "samples": str(total), **shares}  # fmt: skip
 
 
-def render_and_record(name: str, size: tuple[int, int], duration: float, folder: Path) -> None:
-    """What `measure` runs. Leaves perf.data, kernel.o and where that was in memory in the folder."""
+def exported(scene: str | Number, size: tuple[int, int]):
+    """(engine.Scene, engine.Settings) for one thread."""
     from benchmarks import ceiling
 
+    if isinstance(scene, str):
+        return ceiling.export(scene, size, SAMPLES, 1)
+    import bpy
+
+    kind, count = scene
+    scale_scenes.empty_file()
+    made = scale_scenes.MAKERS[kind](count)
+    bpy.context.window.scene = made
+    br.set_resolution(made, *size)
+    br.set_threads(made, 1)
+    return ceiling.export_open(made, SAMPLES)
+
+
+def render_and_record(scene_of: str | Number, size: tuple[int, int], duration: float, folder: Path) -> None:
+    """What `measure` runs. Leaves perf.data, kernel.o and where that was in memory in the folder, and how many seconds
+    a render took."""
     common.enable_lobe()
     from bl_ext.user_default.lobe.engine import Prepared, render, schedule
 
-    scene, settings = ceiling.export(name, size, SAMPLES, 1)
+    scene, settings = exported(scene_of, size)
     prepared = Prepared()  # so that it is packed once
     render(scene, settings, prepared=prepared)  # compiles
     packed = schedule.pack(scene, settings)
@@ -88,9 +124,10 @@ def render_and_record(name: str, size: tuple[int, int], duration: float, folder:
     command = ["perf", "record", "-q", "-F", str(FREQUENCY), "-e", "cpu-clock", "-p", str(os.getpid())]
     perf = subprocess.Popen([*command, "-o", str(folder / "perf.data")])
     time.sleep(WARMING_UP)
-    begun = time.perf_counter()
+    begun, taken = time.perf_counter(), []
     while time.perf_counter() - begun < duration:
-        render(scene, settings, prepared=prepared)
+        taken.append(render(scene, settings, prepared=prepared).seconds["render"])
+    (folder / "seconds.txt").write_text(str(statistics.median(taken)))
     perf.send_signal(signal.SIGINT)
     perf.wait()
 
@@ -139,29 +176,39 @@ def _lines(*command: str) -> list[str]:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
-def parse() -> argparse.Namespace:
+def few_and_many(largest: int) -> list[Number]:
+    """The scenes of --scale, none of more than `largest`."""
+    return [(kind, min(count, largest)) for kind, counts in FEW_AND_MANY.items() for count in counts]
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=list(common.SCENES), metavar="SCENE", help="default: all samples")
+    parser.add_argument("--scale", action="store_true", help="few and many lamps, emissive triangles, triangles")
+    parser.add_argument("--largest", type=whole_number(10**4, 10**9), default=10**7, metavar="N",
+                        help="with --scale no scene with a larger number; default: 10,000,000")  # fmt: skip
     parser.add_argument("--resolution", type=resolution, default=(192, 192), metavar="WxH")
     parser.add_argument("--seconds", type=seconds(0.1), default=10.0, help="of rendering for each scene")
+    common.add_results(parser)
     parser.add_argument("--render", type=json.loads, help=argparse.SUPPRESS)
-    return parser.parse_args()
+    return parser.parse_args(arguments)
 
 
 def main() -> int:
     options = parse()
     if options.render:
-        name, size, duration, folder = options.render
-        render_and_record(name, tuple(size), duration, Path(folder))
+        scene, size, duration, folder = options.render
+        render_and_record(scene, tuple(size), duration, Path(folder))
         return 0
     with br.quiet_stdout() as say:
         if missing := [program for program in ("perf", "addr2line", "nm") if not shutil.which(program)]:
             print(f"hotspots.py: not installed: {', '.join(missing)}", file=sys.stderr)
             return 2
+        table, keys = ("hotspots_scale", ("scene", "number")) if options.scale else ("hotspots", ("scene",))
         rows = []
-        for name in tqdm(options.scenes, file=sys.stderr):
-            rows.append(measure(name, options))
-            common.update_table("hotspots", ("scene", "resolution"), rows)
+        for scene in tqdm(few_and_many(options.largest) if options.scale else options.scenes, file=sys.stderr):
+            rows.append(measure(scene, options))
+            common.update_table(table, (*keys, "resolution"), rows, folder=options.results)
         say(common.markdown(rows))
     return 0
 

@@ -6,8 +6,9 @@ A ball that fills the picture, and a floor that is seen from nearly along it to 
 world alone and under one area lamp alone: so there is no light but what the lamp or the world sends to the surface.
 Both engines render several seeds with the settings that make a comparison fair. "mean" is that of the ball or the
 floor, with its 95 % interval; "blocks" the smallest and the largest of 8 x 8 pixels that lie on it, but for those that
-are next to black in Cycles. Writes materials.csv and .md to benchmarks/results/, and a shorter table into
-docs/materials.md.
+are next to black in Cycles. As noise alone sets blocks apart, there are more and more seeds until the standard error of
+each block is below a tenth of their range, or below half of the last digit that is told. Writes materials.csv and .md
+to benchmarks/results/, and a shorter table into docs/materials.md.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import common
@@ -30,6 +30,7 @@ from tools import metrics
 from tools.render import resolution, whole_number
 
 BLOCK = 8  # pixels a side
+NOISE_OF_RANGE, LEAST_NOISE = 0.1, 0.005  # of a block, against the range of blocks, and what rounding hides
 DARK = 0.01  # of the brightest block in Cycles: darker ones have no ratio that says anything
 GREY = 0.8, 0.8, 0.8, 1.0
 WORLD, LAMP = LIGHTS = "white world", "area lamp"
@@ -151,22 +152,33 @@ def inside(shape: str, size: tuple[int, int]) -> np.ndarray:
 
 
 class Brighter(NamedTuple):
-    """Than in Cycles, relative: the mean with the half width of its interval, the smallest and the largest block."""
+    """Than in Cycles, relative: the mean with the half width of its interval, the smallest and the largest block, and
+    the largest standard error of any block."""
 
     mean: float
     half_width: float
     low: float
     high: float
+    noise: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether `low` and `high` are the surface's own, rather than noise's."""
+        return self.noise <= max(LEAST_NOISE, NOISE_OF_RANGE * (self.high - self.low))
 
 
 def brighter(lobe: np.ndarray, cycles: np.ndarray, where: np.ndarray) -> Brighter:
     """lobe, cycles: (seeds, h, w, 3); where: (h, w)."""
     mean, half_width = metrics.mean_difference(lobe[:, where], cycles[:, where])
     whole = metrics.block_means(where[None, ..., None].astype(float), BLOCK)[0, ..., 0] == 1.0
-    ours, theirs = (metrics.block_means(each, BLOCK).mean(axis=(0, 3))[whole] for each in (lobe, cycles))
+    seeds = [metrics.block_means(each, BLOCK).mean(axis=3)[:, whole] for each in (lobe, cycles)]
+    theirs = seeds[1].mean(axis=0)
     lit = theirs > DARK * theirs.max()
-    apart = ours[lit] / theirs[lit] - 1.0
-    return Brighter(mean, half_width, float(apart.min()), float(apart.max()))
+    ours, theirs = (each.mean(axis=0)[lit] for each in seeds)
+    ours_noise, theirs_noise = (each.std(axis=0, ddof=1)[lit] / np.sqrt(len(each)) for each in seeds)
+    ratio = ours / theirs
+    noise = np.hypot(ours_noise, ratio * theirs_noise) / theirs  # of a quotient of independent means
+    return Brighter(mean, half_width, float(ratio.min() - 1), float(ratio.max() - 1), float(noise.max()))
 
 
 def measure(case: Case, light: str, options: argparse.Namespace) -> dict:
@@ -176,14 +188,20 @@ def measure(case: Case, light: str, options: argparse.Namespace) -> dict:
     br.set_threads(scene, options.threads)
     scene.lobe.pixel_filter = "BOX"
     common.leave_out(scene)
-    lobe, cycles = (
-        np.stack([common.render(scene, engine, options.samples, first + n)[0] for n in range(options.seeds)])
-        for engine, first in (("LOBE", 1), ("CYCLES", 1001))
-    )
-    return row(case, light, brighter(lobe, cycles, inside(case.shape, options.resolution)), options)
+    where = inside(case.shape, options.resolution)
+    pictures: dict[str, list[np.ndarray]] = {"LOBE": [], "CYCLES": []}
+    seeds = options.seeds
+    while True:
+        for engine, first in (("LOBE", 1), ("CYCLES", 1001)):
+            for n in range(len(pictures[engine]), seeds):
+                pictures[engine].append(common.render(scene, engine, options.samples, first + n)[0])
+        found = brighter(*map(np.stack, pictures.values()), where)
+        if found.settled or seeds >= options.most_seeds:
+            return row(case, light, found, seeds, options)
+        seeds = min(2 * seeds, options.most_seeds)
 
 
-def row(case: Case, light: str, found: Brighter, options: argparse.Namespace) -> dict:
+def row(case: Case, light: str, found: Brighter, seeds: int, options: argparse.Namespace) -> dict:
     return {
         "shape": case.shape,
         "surface": case.surface,
@@ -191,9 +209,10 @@ def row(case: Case, light: str, found: Brighter, options: argparse.Namespace) ->
         "light": light,
         "resolution": "{}x{}".format(*options.resolution),
         "samples": options.samples,
-        "seeds": options.seeds,
+        "seeds": seeds,
         "mean": f"{found.mean:+.1%} ± {found.half_width:.1%}",
-        "blocks": f"{found.low:+.0%} to {found.high:+.0%}",
+        "blocks": f"{found.low:+.0%} to {found.high:+.0%}" + ("" if found.settled else f", each ± {found.noise:.0%}"),
+        "noise of a block": f"{found.noise:.1%}",
     }
 
 
@@ -214,10 +233,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--resolution", type=resolution, default=(64, 64), metavar="WxH", help="default: 64x64")
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=256, metavar="N", help="default: 256")
-    parser.add_argument("--seeds", type=whole_number(2, 1000), default=4, metavar="N", help="default: 4")
+    parser.add_argument("--seeds", type=whole_number(2, 1000), default=4, metavar="N",
+                        help="to begin with, doubled while blocks are noisy; default: 4")  # fmt: skip
+    parser.add_argument("--most-seeds", type=whole_number(2, 1000), default=64, metavar="N", help="default: 64")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N", help="default: 2")
-    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
-                        help="for tables; default: benchmarks/results")  # fmt: skip
+    common.add_results(parser)
     return parser.parse_args(arguments)
 
 

@@ -62,6 +62,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=common.ROOT / "out", help="of the zips; default: out")
     parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=OFFERED)
+    common.add_results(parser)
     return parser.parse_args(arguments)
 
 
@@ -75,7 +76,7 @@ def main() -> int:
         except SetupError as error:
             print(f"packages.py: {error}", file=sys.stderr)
             return 2
-    print(common.update_table("packages", ("system",), rows))
+    print(common.update_table("packages", ("system",), rows, folder=options.results))
     return 0
 
 

@@ -81,7 +81,7 @@ INDIRECT_PART = {"CYCLES": 8, "REFERENCE": 1}
 TOLERANCE = {"CYCLES": Tolerance(0.002, 0.02), "REFERENCE": Tolerance(0.01, 0.02)}
 
 
-def parse() -> argparse.Namespace:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="sample scenes by name, files, or 'all'")
     parser.add_argument("--against", choices=("CYCLES", "REFERENCE"), default="CYCLES")
@@ -91,7 +91,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--threads", type=whole_number(0, 1024), default=2, metavar="N")
     parser.add_argument("--set", action="append", default=[], dest="assignments", metavar="scene.lobe.KEY=VALUE")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="keep mean pictures and the t values there")
-    return parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
 
 
 def plan_of(name: str, options: argparse.Namespace) -> Plan:
@@ -228,7 +229,7 @@ def main() -> int:
             for name in names:
                 print(name, file=sys.stderr)
                 rows.append(measure(name, options))
-                table = common.update_table("parity", KEYS, rows)
+                table = common.update_table("parity", KEYS, rows, folder=options.results)
         except br.ToolError as error:
             print(f"parity.py: {error}", file=sys.stderr)
             return 2

@@ -121,8 +121,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N", help="default: 2")
     parser.add_argument("--resolution", type=resolution, default=(256, 256), metavar="WxH", help="default: 256x256")
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=32, metavar="N", help="default: 32")
-    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
-                        help="for tables; default: benchmarks/results")  # fmt: skip
+    common.add_results(parser)
     return parser.parse_args(arguments)
 
 

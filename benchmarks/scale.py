@@ -100,15 +100,6 @@ def growth(counts: Sequence[int], values: Sequence[float]) -> list[float]:
     return [math.nan, *map(float, steps)]
 
 
-def logarithm(counts: Sequence[int], values: Sequence[float]) -> tuple[float, float, float]:
-    """(start, growth with each factor of ten, largest relative distance from a value) of the straight line over
-    log10(count / counts[0]) with the least squares."""
-    decades = np.log10(np.asarray(counts, float) / counts[0])
-    slope, start = np.polyfit(decades, values, 1)
-    line = start + slope * decades
-    return float(start), float(slope), float(np.abs(line / values - 1).max())
-
-
 def affordable(counts: Sequence[int], memory: float) -> list[int]:
     """The first of `counts` that fit a memory of so many bytes."""
     return [count for count in counts if count * BYTES_A_TRIANGLE <= memory]
@@ -177,7 +168,7 @@ def triangle_note(counts: Sequence[int], found: Rounds) -> str:
     ratios = [metrics.median_ratio(seconds(found[short(c), "render"], "render"), base)[0] for c in counts]
     text = ""
     if len(counts) > 1:
-        start, slope, worst = logarithm(counts, ratios)
+        start, slope, worst = metrics.logarithm(counts, ratios)
         text = (
             f"Render time is {start:.2f} + {slope:.3f} log10(triangles / {short(counts[0])}) times that of "
             f"{short(counts[0])}, by least squares; no figure is farther from that than {worst:.0%}.\n\n"
@@ -324,8 +315,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=64, metavar="N", help="default: 64")
     parser.add_argument("--largest", type=whole_number(100, 10**9), default=10**9, metavar="N",
                         help="no scene with a larger number of triangles, instances or emitters")  # fmt: skip
-    parser.add_argument("--results", type=Path, default=common.RESULTS, metavar="FOLDER",
-                        help="for tables; default: benchmarks/results")  # fmt: skip
+    common.add_results(parser)
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     fits = affordable(TRIANGLES, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))

@@ -22,8 +22,10 @@ from common import br
 from tools import metrics
 from tools.render import resolution, whole_number
 
+KEYS = ("scene", "resolution", "samples", "threads")
 
-def parse() -> argparse.Namespace:
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="sample scenes by name, files, or 'all'")
     parser.add_argument("--resolution", type=resolution, default=(512, 512), metavar="WxH")
@@ -33,7 +35,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--reference-samples", type=whole_number(0, 1 << 24), default=1024, metavar="N",
                         help="of each engine; 0: no error figures")  # fmt: skip
     parser.add_argument("--set", action="append", default=[], dest="assignments", metavar="scene.lobe.KEY=VALUE")
-    return parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
 
 
 def measure(name: str, options: argparse.Namespace) -> dict:
@@ -85,11 +88,9 @@ def errors(scene, options: argparse.Namespace, pictures: dict[str, list]) -> dic
         return dict.fromkeys(keys, "")
     print("\rreference      ", file=sys.stderr, flush=True)
     long = [common.render(scene, e, options.reference_samples, 9001)[0] for e in ("LOBE", "CYCLES")]
-    reference = np.mean(long, axis=0, dtype=np.float64)
+    reference, own_noise = metrics.joined(long)
     whole = {e: np.mean([metrics.rel_mse(p, reference) for p in pictures[e]]) for e in pictures}
     trimmed = {e: np.mean([metrics.rel_mse(p, reference, 0.001) for p in pictures[e]]) for e in pictures}
-    # The half difference of the two long renders has the variance of their mean.
-    own_noise = metrics.rel_mse(reference + (long[0].astype(np.float64) - long[1]) / 2, reference)
     values = (
         f"{whole['LOBE']:.5f} ({trimmed['LOBE']:.5f})",
         f"{whole['CYCLES']:.5f} ({trimmed['CYCLES']:.5f})",
@@ -110,7 +111,7 @@ def main() -> int:
             for name in names:
                 print(name, file=sys.stderr)
                 rows.append(measure(name, options))
-                table = common.update_table("speed", ("scene", "resolution", "samples", "threads"), rows)
+                table = common.update_table("speed", KEYS, rows, folder=options.results)
         except br.ToolError as error:
             print(f"speed.py: {error}", file=sys.stderr)
             return 2

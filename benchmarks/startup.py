@@ -112,11 +112,16 @@ def run_child(kind: str, **environment: str) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def main() -> int:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=whole_number(1, 100), default=5)
     parser.add_argument("--cold-runs", type=whole_number(0, 100), default=1, help="renders with an empty cache")
-    options = parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    options = parse()
 
     enable = [run_child(ENABLE) for _ in range(options.runs)]
     warm = [run_child(RENDER) for _ in range(options.runs + 1)][1:]
@@ -138,7 +143,7 @@ def main() -> int:
         print("what the first render said:", " / ".join(cold[0]["messages"]))
     if enable[0]["loaded"]:
         print("loaded by enabling the add-on, though only a render needs them:", ", ".join(enable[0]["loaded"]))
-    print(common.update_table("startup", ("what",), rows))
+    print(common.update_table("startup", ("what",), rows, folder=options.results))
     return 0
 
 

@@ -213,7 +213,7 @@ TRIALS = (
         "sixteen numbers in a register, not eight",
         True,
         "none where registers are as wide",
-        [(KERNELS + "simd/types.py", "WIDTH = 16 ", "WIDTH = 8 ")],
+        [(KERNELS + "simd/types.py", "\nWIDTH = 16\n", "\nWIDTH = 8\n")],
     ),
     Trial(
         "arithmetic as written",
@@ -338,7 +338,7 @@ def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, np.nda
     return row | {"geometric mean": f"{stats.gmean([c.cost for c in found.values()]):.2f}"}
 
 
-def parse() -> argparse.Namespace:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: all of {', '.join(t.name for t in TRIALS)}")
     parser.add_argument("--resolution", type=resolution, default=(120, 80), metavar="WxH")
@@ -347,7 +347,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
     parser.add_argument("--list", action="store_true", help="render nothing: write the list anew from trials.csv")
-    return parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
 
 
 def chosen(names: list[str]) -> list[Trial]:
@@ -373,17 +374,25 @@ def run(options: argparse.Namespace, say) -> None:
             references[name] = usual.render(long)[0].astype(np.float64)
         for trial in tqdm(trials, file=sys.stderr):
             rows.append(measure(trial, scenes, references, usual, options))
-            table = common.update_table("trials", ("instead",), rows, note=NOTE)
-    quote_list()
+            table = common.update_table("trials", ("instead",), rows, folder=options.results, note=NOTE)
+    if options.results == common.RESULTS:
+        quote_list()
     say(table)
 
 
 def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Path = common.RESULTS) -> None:
-    quote(page, list_of_tried(common.read_table("trials", folder)), MARKS)
+    quote(page, section(common.read_table("trials", folder)), MARKS)
+
+
+def section(rows: list[dict[str, str]]) -> str:
+    """What stands in benchmarks/README.md: the list and where it comes from, or that there is none."""
+    if not rows:
+        return "Not measured yet.\n"
+    return list_of_tried(rows) + "\nScene by scene: [trials.md](results/trials.md).\n"
 
 
 def list_of_tried(rows: list[dict[str, str]]) -> str:
-    """What benchmarks/README.md says: of each technique, relMSE x seconds without it over that with it."""
+    """Of each technique, relMSE x seconds without it over that with it."""
     measured = {row["instead"]: row for row in rows}
     table = []
     for trial in TRIALS:
@@ -397,7 +406,7 @@ def list_of_tried(rows: list[dict[str, str]]) -> str:
                     "kept": "yes" if trial.kept else "no",
                 }
             )
-    return common.markdown(table) if table else ""
+    return common.markdown(table)
 
 
 def costs(row: dict[str, str]) -> list[float]:

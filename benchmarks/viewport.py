@@ -111,16 +111,21 @@ def measure(scene: Scene, settings: Settings, seconds: float) -> dict[str, float
     }
 
 
-def main() -> int:
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Times of the viewport's engine, see the head of this file.")
     parser.add_argument("--seconds", type=float, default=5.0, help="of the moving camera (default: %(default)g)")
-    options = parser.parse_args()
+    common.add_results(parser)
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    options = parse()
     scene = scene_of(RINGS)
     triangles = sum(len(mesh.triangles) for mesh in scene.meshes)
     where = {"Blender": "none", "viewport": f"{SIZE[0]} x {SIZE[1]}", "triangles": f"{triangles:,}"}
     found = measure(scene, Settings(samples=64), options.seconds)
     rows = [{**where, "what": what, "value": f"{value:.3g}"} for what, value in found.items()]
-    print(common.update_table("viewport", ("Blender", "what"), rows))
+    print(common.update_table("viewport", ("Blender", "what"), rows, folder=options.results))
     return 0
 
 

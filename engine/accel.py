@@ -24,11 +24,11 @@ _TRIANGLE, _SPHERE_POINT, _INSTANCE_ARRAY = 0, 50, 122
 _INDEX, _VERTEX, _TRANSFORM = 0, 1, 23
 _UINT3, _FLOAT3, _FLOAT4, _FLOAT3X4_ROW_MAJOR = 0x5003, 0x9003, 0x9004, 0x9134
 _BUILD_QUALITY_MEDIUM = 1
-# Rays don't slip between neighbouring triangles. Costs 5 to 17 % of the time; without it one in a million does, and
-# where a dark room has a bright sky outside that is a firefly.
+# Rays don't slip between neighbouring triangles: where a dark room has a bright sky outside one that does is a firefly.
+# What it costs is the trial "not watertight" of benchmarks/trials.py.
 _SCENE_FLAG_ROBUST = 4
-# Leaves that hold the numbers of vertices, not the vertices. Renders of the sample scenes take 8 to 22 % longer with
-# them, builds a tenth to a fifth less, and memory a fifth: for scenes of so many triangles that those count.
+# Leaves that hold the numbers of vertices, not the vertices: less memory and quicker to build, and slower to trace (the
+# trial "leaves that hold numbers of vertices"). For scenes of so many triangles that the former count.
 _SCENE_FLAG_COMPACT = 2
 _MOST_IN_FULL = 1 << 20  # triangles
 

@@ -74,3 +74,25 @@ _LEFT_OUT = {
     "clamp": "clamping: off",
     "light_passes": "parts of the light: no pass shows one",
 }
+
+# Every feature that a scene can do without, at its most general. Not in here: the choices that change the picture
+# (orthographic, transparent_film, holdout), how it is sampled (hemisphere, lobe_selection) or what else is made
+# (light_passes), and `shared_light`.
+EVERYTHING = {
+    "phong": 1,
+    "smooth": 1,
+    "instances": 1,
+    "transparency": 1,
+    "mesh_emitters": 1,
+    "rectangle_emitters": 1,
+    "lamp_kinds": POINT | SPHERE | DISK | RECTANGLE | ELLIPSE | SPOT,
+    "lamp_shapes": 1,
+    "unshadowed": 1,
+    "ray_kinds": 1,
+    "emitter_choice": EMITTER_TREE,
+    "suns": 1,
+    "sun_disks": 1,
+    "world": IMAGE_WORLD,
+    "lens": 1,
+    "clamp": 1,
+}

@@ -447,14 +447,13 @@ def precompile_common(progress: Callable[[int, int], None]) -> None:
     many kinds of scenes are done, and of how many.
 
     Functions that kernels share are in the cache too: what these scenes have between them is most of what there is,
-    so that any other scene takes a second or two to compile, where the very first takes some twelve.
+    so that any other scene takes a small part of the first one's time, see benchmarks/results/startup.md.
     """
-    from .features import CONSTANT_WORLD, DISK, ELLIPSE, IMAGE_WORLD, POINT, SPHERE, SPOT
+    from .features import CONSTANT_WORLD, DISK, EVERYTHING, IMAGE_WORLD
 
     glossy = Features(phong=1, smooth=1)
     lamp_lit = glossy._replace(lamp_kinds=DISK, lamp_shapes=1, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD)
     mesh_lit = Features(mesh_emitters=1, emitter_choice=EMITTER_TREE)
-    every_lamp = POINT | SPHERE | DISK | RECTANGLE | ELLIPSE | SPOT
     common = (
         lamp_lit._replace(smooth=0),  # Blender's default scene
         lamp_lit,
@@ -466,12 +465,8 @@ def precompile_common(progress: Callable[[int, int], None]) -> None:
         glossy._replace(world=IMAGE_WORLD),
         mesh_lit._replace(rectangle_emitters=1, emitter_choice=ONE_EMITTER),  # the Cornell box
         mesh_lit._replace(phong=1, smooth=1, world=CONSTANT_WORLD),
-        Features(
-            phong=1, smooth=1, instances=1, transparency=1, mesh_emitters=1, rectangle_emitters=1,
-            lamp_kinds=every_lamp, lamp_shapes=1, unshadowed=1, ray_kinds=1, emitter_choice=EMITTER_TREE, suns=1,
-            sun_disks=1, world=IMAGE_WORLD, lens=1, transparent_film=1, clamp=1,
-        ),
-    )  # fmt: skip
+        Features(**EVERYTHING, transparent_film=1),
+    )
     build_monitor()
     lamp_filter()
     packed = pack(Scene(camera=Camera()), Settings())

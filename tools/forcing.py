@@ -15,32 +15,10 @@ import numpy as np
 
 import engine.pack.lights as packing_lights
 import engine.schedule as schedule
-from engine.features import CONSTANT_WORLD, EMITTER_TREE, IMAGE_WORLD, Features
+from engine.features import CONSTANT_WORLD, EVERYTHING, IMAGE_WORLD, Features
 from engine.kernels.light.environment import build_environment
 from engine.pack import Packed
 from engine.pack.geometry import INVALID, corners
-
-# Every feature that a scene can do without, at its most general. Not in here: the choices that change the picture
-# (orthographic, transparent_film, holdout), how it is sampled (hemisphere, lobe_selection) or what else is made
-# (light_passes), and `shared_light`.
-EVERYTHING = {
-    "phong": 1,
-    "smooth": 1,
-    "instances": 1,
-    "transparency": 1,
-    "mesh_emitters": 1,
-    "rectangle_emitters": 1,
-    "lamp_kinds": 63,
-    "lamp_shapes": 1,
-    "unshadowed": 1,
-    "ray_kinds": 1,
-    "emitter_choice": EMITTER_TREE,
-    "suns": 1,
-    "sun_disks": 1,
-    "world": IMAGE_WORLD,
-    "lens": 1,
-    "clamp": 1,
-}
 
 
 def filled_up(packed: Packed, features: Features) -> Packed:

@@ -48,6 +48,14 @@ def kept_by_trimming(size: int, trim: float) -> int:
     return max(1, math.ceil(size * (1.0 - trim)))
 
 
+def joined(halves) -> tuple[np.ndarray, float]:
+    """The mean of two renders of equal samples and other seeds, and the relMSE that this mean has itself: half their
+    difference has the variance of their mean."""
+    a, b = (half.astype(np.float64) for half in halves)
+    mean = (a + b) / 2
+    return mean, rel_mse(mean + (a - b) / 2, mean)
+
+
 def noise(images: np.ndarray, reference: np.ndarray) -> float:
     """The relMSE that one replicate has from its noise alone, from the variance between replicates."""
     variance = images.astype(np.float64).var(axis=0, ddof=1)
@@ -189,3 +197,12 @@ def median_ratio(numerators, denominators) -> tuple[float, float, float]:
     """Median of the ratios of pairs measured one after the other, and the smallest and the largest of them."""
     ratios = np.asarray(numerators, float) / np.asarray(denominators, float)
     return float(np.median(ratios)), float(ratios.min()), float(ratios.max())
+
+
+def logarithm(counts, values) -> tuple[float, float, float]:
+    """(start, growth with each factor of ten, largest relative distance from a value) of the straight line over
+    log10(count / counts[0]) with the least squares."""
+    decades = np.log10(np.asarray(counts, float) / counts[0])
+    slope, start = np.polyfit(decades, values, 1)
+    line = start + slope * decades
+    return float(start), float(slope), float(np.abs(line / np.asarray(values, float) - 1).max())

@@ -17,7 +17,7 @@ ERROR, WARNING, APPROXIMATED, SKIPPED = LEVELS = ("ERROR", "WARNING", "APPROXIMA
 # Of nearly every scene, so that it comes after all else of its level.
 PRINCIPLED_GLOSS = (
     "Principled BSDF's reflections don't grow stronger towards the edges as in Cycles: the same on average, in places "
-    "up to a tenth brighter or darker"
+    "brighter or darker"
 )
 
 # Of datablocks, in the order of the report; "" is what holds for the scene as a whole.

@@ -8,8 +8,10 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
+import pytest
 
 from tools.package import build_package, this_platform
 
@@ -20,6 +22,20 @@ WITH_WINDOW = shlex.split(os.environ.get("LOBE_BLENDER_WINDOW", "")) or (BLENDER
 NO_WINDOW = "no Blender with a window: set LOBE_BLENDER_WINDOW to a command that opens Blender 4.2 or newer in one"
 
 Run = Callable[..., str]
+
+
+def named() -> str:
+    """The program with a window as LOBE_BLENDER_WINDOW names it; without any it ends Python, and says so."""
+    if not WITH_WINDOW:
+        raise SystemExit(NO_WINDOW)
+    return shlex.join(WITH_WINDOW)
+
+
+def cannot_look(reason: str) -> NoReturn:
+    """Skip the test; where somebody has named a Blender with a window to be looked at, fail it."""
+    if os.environ.get("LOBE_BLENDER_WINDOW"):
+        pytest.fail(reason)
+    pytest.skip(reason)
 
 
 def this_package(folder: Path) -> Path:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.blender.real_blender import NO_WINDOW, WITH_WINDOW, install
+from tests.blender.real_blender import NO_WINDOW, WITH_WINDOW, cannot_look, install
 
 pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason=NO_WINDOW)
 
@@ -45,6 +45,6 @@ def test_the_pictures_are_shown(seen) -> None:
 
 def test_escape(seen) -> None:
     if "escape" not in seen:
-        pytest.skip("no xdotool beside that Blender")
+        cannot_look("where Blender runs there is no xdotool")
     assert seen["escape"]["as before"] and not seen["escape"]["outcome"]
     assert seen["escape"]["seconds"] < 30.0

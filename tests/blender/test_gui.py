@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.blender.real_blender import NO_WINDOW, WITH_WINDOW, read_bytes, runner, this_package
+from tests.blender.real_blender import NO_WINDOW, WITH_WINDOW, cannot_look, read_bytes, runner, this_package
 
 pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason=NO_WINDOW)
 
@@ -34,7 +34,7 @@ def folder(tmp_path_factory, repository) -> Path:
     assert (folder / "seen.json").exists(), said
     seen = json.loads((folder / "seen.json").read_text())
     if seen["missing"]:
-        pytest.skip(f"where Blender runs there is no {' and no '.join(seen['missing'])}")
+        cannot_look(f"where Blender runs there is no {' and no '.join(seen['missing'])}")
     kept = repository / "out" / "gui"
     shutil.rmtree(kept, ignore_errors=True)
     shutil.copytree(folder, kept, ignore=lambda _, names: [name for name in names if not name.endswith(".png")])

@@ -12,6 +12,10 @@ import sys
 import pytest
 from llvmlite import binding
 
+from engine.features import EVERYTHING, Features
+from engine.kernels.staged import covers
+from tools.forcing import BY_PATH
+
 # Of those without AVX, with AVX2, with AVX-512, and Apple's.
 PROCESSORS = {
     "x86-64": "x86_64-unknown-linux-gnu",
@@ -47,16 +51,16 @@ vectors.in_parts(x, np.zeros((2, 3, 8), np.float32), np.zeros((4, 3, 4), np.floa
 kernels = vectors.arithmetic, vectors.moved, vectors.in_parts
 """
 
+# The largest of either kind of kernel: one path after another, and sixteen in a register.
+BY_PATHS = Features(**EVERYTHING, holdout=1, transparent_film=1, light_passes=1)
+STAGED = BY_PATHS._replace(**dict.fromkeys((*BY_PATH, "holdout"), 0))
+ALIKE = ("orthographic", "hemisphere", "lobe_selection")  # either choice is as much code
+
 WHOLE = """
-from engine import Camera, Scene, Settings, schedule
-from engine.features import DISK, ELLIPSE, EMITTER_TREE, IMAGE_WORLD, POINT, RECTANGLE, SPHERE, SPOT, Features
-features = Features(
-    phong=1, smooth=1, instances=1, transparency=1, mesh_emitters=1, rectangle_emitters=1,
-    lamp_kinds=POINT | SPHERE | DISK | RECTANGLE | ELLIPSE | SPOT, lamp_shapes=1, unshadowed=1, ray_kinds=1,
-    emitter_choice=EMITTER_TREE, suns=1, sun_disks=1, world=IMAGE_WORLD, lens=1, transparent_film=1, clamp=1,
-    light_passes=1,
-)
-schedule.precompile_one({"features": features._asdict(), "first_hits": True})
+from engine import schedule
+from engine.features import Features
+features = Features(**{features})
+schedule.precompile_one({{"features": features._asdict(), "first_hits": True}})
 kernels = schedule.tile_kernel(features), schedule.first_hit_kernel(schedule._seen_first(features))
 """
 
@@ -110,10 +114,19 @@ def test_vectors_become_machine_code(emitted, cpu) -> None:
     assert len(sizes) == 3 and min(sizes) > 1000
 
 
+def test_nothing_is_missing_from_the_largest_kernels() -> None:
+    """Whatever else a scene may have, it is in one of them, or takes the scene from the staged kernel to the other."""
+    assert covers(STAGED) and not covers(BY_PATHS)
+    for name in {*Features._fields} - {*ALIKE}:
+        assert getattr(BY_PATHS, name), name
+        assert getattr(STAGED, name) or not covers(STAGED._replace(**{name: 1})), name
+
+
 @pytest.mark.long
+@pytest.mark.parametrize("features", [BY_PATHS, STAGED], ids=["by paths", "staged"])
 @pytest.mark.parametrize("cpu", PROCESSORS)
-def test_the_largest_kernel_becomes_machine_code(emitted, cpu) -> None:
-    sizes = emitted(WHOLE, cpu, PROCESSORS[cpu])
+def test_the_largest_kernels_become_machine_code(emitted, cpu, features) -> None:
+    sizes = emitted(WHOLE.format(features=features._asdict()), cpu, PROCESSORS[cpu])
     assert len(sizes) == 2 and min(sizes) > 10_000
 
 

@@ -27,6 +27,7 @@ from engine.features import (
     CONSTANT_WORLD,
     DARK_WORLD,
     EMITTER_TREE,
+    EVERYTHING,
     IMAGE_WORLD,
     ONE_EMITTER,
     RECTANGLE,
@@ -34,7 +35,7 @@ from engine.features import (
     Features,
 )
 from engine.kernels.jit import AS_WRITTEN
-from tools.forcing import EVERYTHING, everything_on, everything_staged_on, forced
+from tools.forcing import everything_on, everything_staged_on, forced
 from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
-
 import pytest
+
+from tools.lobe_blender import enable_lobe
+
+enable_lobe()  # before anything imports bpy
+
+REQUIRED = {"speed": ["lamps"], "parity": ["lamps"]}  # arguments
 
 
 @pytest.fixture
-def common(repository, tmp_path, monkeypatch):
-    spec = importlib.util.spec_from_file_location("benchmarks_common", repository / "benchmarks" / "common.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "RESULTS", tmp_path / "results")
-    return module
+def common(script, tmp_path, monkeypatch):
+    monkeypatch.setattr(script("common"), "RESULTS", tmp_path / "results")
+    return script("common")
 
 
 def test_a_row_takes_the_place_of_its_predecessor(common):
@@ -28,6 +29,19 @@ def test_rows_of_another_form_are_dropped(common):
     common.update_table("t", ("scene",), [{"scene": "a", "old": 1}])
     common.update_table("t", ("scene",), [{"scene": "b", "x": 3}])
     assert (common.RESULTS / "t.csv").read_text() == "scene,x\nb,3\n"
+
+
+@pytest.mark.parametrize("name", [
+    "classic", "denoise", "export_build", "hotspots", "materials", "packages", "parity", "passes", "scale", "speed",
+    "startup", "trials", "viewport",
+])  # fmt: skip
+def test_a_trial_run_can_write_elsewhere(script, repository, tmp_path, name):
+    """Than into the tables that the pages quote."""
+    parse, arguments = script(name).parse, REQUIRED.get(name, [])
+    assert parse(arguments).results == repository / "benchmarks" / "results"
+    assert parse([*arguments, "--results", str(tmp_path)]).results == tmp_path
+    source = (repository / "benchmarks" / f"{name}.py").read_text()
+    assert source.count("update_table(") == source.count("folder=options.results"), "a table that goes elsewhere"
 
 
 def test_scene_paths(common, repository):

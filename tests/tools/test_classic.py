@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 import pytest
 
 
 @pytest.fixture(scope="module")
-def classic(repository):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        yield importlib.import_module("classic")
+def classic(script):
+    return script("classic")
 
 
 def test_levels_end_at_the_most(classic):
@@ -24,16 +20,6 @@ def test_time_to_an_error_lies_on_the_line(classic, error, seconds):
     """NaN where the curve doesn't get there."""
     halving = classic.Curve(np.array([1.0, 4.0, 16.0]), np.array([0.5, 2.0, 8.0]), np.array([1.0, 0.25, 0.0625]))
     assert halving.seconds_to(error) == pytest.approx(seconds, nan_ok=True)
-
-
-def test_noise_of_a_reference_from_its_halves(classic):
-    """Of the mean of two it is half of either's."""
-    rng = np.random.default_rng(1)
-    truth = rng.uniform(0.5, 2.0, (64, 64, 3))
-    halves = [truth + rng.normal(0.0, 0.1, truth.shape) for _ in range(2)]
-    mean, noise = classic.joined(halves)
-    np.testing.assert_allclose(mean, (halves[0] + halves[1]) / 2)
-    assert noise == pytest.approx(0.1**2 / 2 * np.mean(1 / (truth**2 + 0.01)), rel=0.1)
 
 
 def test_curves_of_several_seeds(classic):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from benchmarks.features import CHOICES, FORCED, LEFT_OUT, asked, pair
-from engine.features import EMITTER_TREE, ONE_EMITTER, Features
+from engine.features import EMITTER_TREE, EVERYTHING, ONE_EMITTER, Features
 from engine.passes import has_data_passes, has_light_passes
 from engine.settings import Settings
-from tools.forcing import EVERYTHING
 
 
 def test_every_feature_has_a_row_or_a_reason():

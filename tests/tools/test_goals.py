@@ -80,12 +80,56 @@ def test_growth_with_the_logarithm(tmp_path, times, verdict):
     assert {goal.row(tmp_path)["reached"] for goal in others} == {goals.UNKNOWN}  # their columns are missing
 
 
+def viewport_rows(blender: str, *, seen: str, rate: str, median: str = "1") -> list[dict]:
+    figures = {"ms from a camera move to its first picture, longest": seen, "new pictures a second while moving": rate,
+               "ms from a camera move to its first picture, median": median}  # fmt: skip
+    return [{"Blender": blender, "what": what, "value": value} for what, value in figures.items()]
+
+
+@pytest.mark.parametrize(
+    ("rows", "verdicts"),
+    [
+        (viewport_rows("none", seen="99", rate="11"), [goals.UNKNOWN, goals.UNKNOWN]),
+        (viewport_rows("none", seen="101", rate="9"), [goals.NO, goals.NO]),
+        (viewport_rows("none", seen="99", rate="11", median="500") + viewport_rows("5.0.1", seen="98", rate="10"),
+         [goals.YES, goals.YES]),
+        (viewport_rows("none", seen="99", rate="11") + viewport_rows("5.0.1", seen="1.2e+03", rate="9"),
+         [goals.NO, goals.NO]),
+    ],
+)  # fmt: skip
+def test_the_viewport_is_judged_by_its_longest_and_in_a_window(tmp_path, rows, verdicts):
+    common.update_table("viewport", ("Blender", "what"), rows, folder=tmp_path)
+    found = [goal.row(tmp_path) for goal in goals.GOALS if goal.table == "viewport"]
+    assert [row["reached"] for row in found] == verdicts
+    windowed = any(row["Blender"] != "none" for row in rows)
+    assert all(("not measured: in a window" in row["measured"]) != windowed for row in found)
+
+
+def test_what_grows(tmp_path):
+    """From 1 s to 3 s: Embree from 0.5 to 0.6, the light tree from 0.1 to 1.5, the rest from 0.4 to 0.9."""
+    assert goals.what_grows(tmp_path) == "Not measured yet.\n"
+    shares = {
+        "1e2": ("1.0", "50%", "10%", "40%"),
+        "1e5": ("3.0", "20%", "50%", "30%"),
+        "1e3": ("9", "0%", "0%", "100%"),
+    }
+    columns = "s a render", "Embree", "light tree", "rest"
+    rows = [{"scene": "lamps", "number": number, **dict(zip(columns, row, strict=True))}
+            for number, row in shares.items()]  # fmt: skip
+    common.update_table("hotspots_scale", ("scene", "number"), rows, folder=tmp_path)
+    said = goals.what_grows(tmp_path)
+    assert "| lamps, 1e2 to 1e5 | 3.00 times as long | light tree 70%, rest 25%, Embree 5% |" in said
+    assert "(results/hotspots_scale.md)" in said
+
+
 def test_the_readme_of_the_benchmarks_quotes_the_table():
     page = goals.PAGE.read_text(encoding="utf-8")
     quoted = page.split(goals.MARKS[0])[1].split(goals.MARKS[1])[0]
     assert quoted == goals.table(), "write it anew: python benchmarks/goals.py"
     quoted = page.split(goals.TIME_MARKS[0])[1].split(goals.TIME_MARKS[1])[0]
     assert quoted == goals.where_time_goes(), "write it anew: python benchmarks/goals.py"
+    quoted = page.split(goals.GROWTH_MARKS[0])[1].split(goals.GROWTH_MARKS[1])[0]
+    assert quoted == goals.what_grows(), "write it anew: python benchmarks/goals.py"
 
 
 def test_where_the_time_goes_names_the_largest_parts(tmp_path):

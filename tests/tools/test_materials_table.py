@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 
 import numpy as np
@@ -14,14 +13,8 @@ enable_lobe()  # before anything imports bpy
 
 
 @pytest.fixture(scope="module")
-def materials(repository):
-    """Under a name of its own: a checkout in a folder `materials` is a package of that name to pytest."""
-    spec = importlib.util.spec_from_file_location("benchmarks_materials", repository / "benchmarks" / "materials.py")
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        spec.loader.exec_module(module)
-        yield module
+def materials(script):
+    return script("materials")
 
 
 def pictures(seed: int, low: float = 1.0) -> np.ndarray:
@@ -36,6 +29,34 @@ def test_how_much_brighter(materials):
     found = materials.brighter(pictures(1, 0.5), pictures(2), everywhere)
     assert found.mean == pytest.approx(-0.25, abs=0.01) and 0.0 < found.half_width < 0.02
     assert found.low == pytest.approx(-0.5, abs=0.02) and found.high == pytest.approx(0.0, abs=0.02)
+
+
+def test_blocks_are_as_noisy_as_they_are(materials):
+    """Of 64 pixels and 3 channels in 4 seeds, of both engines: a hundredth of a pixel's 0.01 sqrt(2) / sqrt(768)."""
+    everywhere = np.ones((32, 32), bool)
+    calm = materials.brighter(pictures(1), pictures(2), everywhere)
+    assert calm.noise == pytest.approx(0.01 * 2**0.5 / 768**0.5, rel=1.0)
+    assert calm.settled  # below what is told
+    figures = materials.Brighter(0.0, 0.0, -0.5, 0.5, 0.09)
+    assert figures.settled and not figures._replace(noise=0.11).settled
+
+
+@pytest.mark.parametrize(
+    ("deviation", "options", "seeds"),
+    [(0.01, [], 4), (1.0, [], 64), (1.0, ["--seeds", "3", "--most-seeds", "8"], 8)],
+)
+def test_seeds_are_added_until_the_range_of_blocks_is_not_noise(materials, monkeypatch, deviation, options, seeds):
+    rng = np.random.default_rng(1)
+    rendered = []
+
+    def render(scene, engine, samples, seed):
+        rendered.append((engine, seed))
+        return rng.normal(1.0, deviation, (64, 64, 3)), {}
+
+    monkeypatch.setattr(materials.common, "render", render)
+    row = materials.measure(materials.CASES[-1], materials.WORLD, materials.parse(options))
+    assert row["seeds"] == seeds and len(set(rendered)) == len(rendered) == 2 * seeds
+    assert ("±" in row["blocks"]) == (seeds > 4)  # still noisy
 
 
 def test_only_what_is_asked_about_counts(materials):
@@ -89,9 +110,12 @@ def test_every_case_is_built_as_it_says(materials):
 def test_the_short_table_puts_both_lights_in_a_row(materials):
     options = materials.parse([])
     case, plain = materials.CASES[0], materials.CASES[-1]
-    figures = materials.Brighter(-0.25, 0.001, -0.5, 0.125)
-    rows = [materials.row(each, light, figures, options) for each in (case, plain) for light in materials.LIGHTS]
+    figures = materials.Brighter(-0.25, 0.001, -0.5, 0.125, 0.01)
+    rows = [materials.row(each, light, figures, 8, options) for each in (case, plain) for light in materials.LIGHTS]
     assert rows[0]["mean"] == "-25.0% ± 0.1%" and rows[0]["blocks"] == "-50% to +12%"
+    assert rows[0]["seeds"] == 8 and rows[0]["noise of a block"] == "1.0%"
+    noisy = materials.row(case, materials.LAMP, figures._replace(noise=0.1), 64, options)
+    assert noisy["blocks"] == "-50% to +12%, each ± 10%"
     lines = materials.short([{key: str(value) for key, value in row.items()} for row in rows]).splitlines()
     assert lines[0] == "| shape | surface | roughness | white world | area lamp |"
     assert lines[2] == "| ball | Glossy BSDF | 0.1 | -25.0% (-50% to +12%) | -25.0% (-50% to +12%) |"
@@ -100,4 +124,5 @@ def test_the_short_table_puts_both_lights_in_a_row(materials):
 
 def test_the_materials_page_quotes_the_table(materials):
     quoted = materials.PAGE.read_text(encoding="utf-8").split(materials.MARKS[0])[1].split(materials.MARKS[1])[0]
-    assert quoted == materials.short(materials.common.read_table("materials", materials.common.RESULTS))
+    kept = materials.common.read_table("materials", materials.common.RESULTS)
+    assert kept and quoted == materials.short(kept), "write it anew: python benchmarks/materials.py"

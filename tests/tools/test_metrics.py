@@ -107,3 +107,13 @@ def test_block_means():
 
 def test_median_ratio():
     assert m.median_ratio([2, 9, 4], [1, 3, 1]) == (3.0, 2.0, 4.0)
+
+
+def test_noise_of_a_reference_from_its_halves():
+    """Of the mean of two it is half of either's."""
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(0.5, 2.0, (64, 64, 3))
+    halves = [truth + rng.normal(0.0, 0.1, truth.shape) for _ in range(2)]
+    mean, noise = m.joined(halves)
+    np.testing.assert_allclose(mean, (halves[0] + halves[1]) / 2)
+    assert noise == pytest.approx(0.1**2 / 2 * np.mean(1 / (truth**2 + 0.01)), rel=0.1)

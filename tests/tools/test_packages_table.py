@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import zipfile
 
@@ -10,14 +9,8 @@ import pytest
 
 
 @pytest.fixture(scope="module")
-def packages(repository):
-    """Under a name of its own: a checkout in a folder `packages` is a package of that name to pytest."""
-    spec = importlib.util.spec_from_file_location("benchmarks_packages", repository / "benchmarks" / "packages.py")
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        spec.loader.exec_module(module)
-        yield module
+def packages(script):
+    return script("packages")
 
 
 def wheel(size: int) -> bytes:

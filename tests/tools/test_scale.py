@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import math
 import subprocess
 import sys
@@ -12,16 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tools import metrics
+
 
 @pytest.fixture(scope="module")
-def scale(repository):
-    """Under a name of its own: a checkout in a folder `scale` is a package of that name to pytest."""
-    spec = importlib.util.spec_from_file_location("benchmarks_scale", repository / "benchmarks" / "scale.py")
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        spec.loader.exec_module(module)
-        yield module
+def scale(script):
+    return script("scale")
 
 
 def reports(*totals: float, **phases: float) -> list[dict]:
@@ -30,8 +25,8 @@ def reports(*totals: float, **phases: float) -> list[dict]:
 
 def test_logarithm_and_growth(scale):
     counts = [10, 100, 1000]
-    assert scale.logarithm(counts, [2.0, 2.5, 3.0]) == pytest.approx((2.0, 0.5, 0.0))
-    assert scale.logarithm(counts, [1.0, 2.0, 5.0])[2] > 0.2
+    assert metrics.logarithm(counts, [2.0, 2.5, 3.0]) == pytest.approx((2.0, 0.5, 0.0))
+    assert metrics.logarithm(counts, [1.0, 2.0, 5.0])[2] > 0.2
     assert scale.growth(counts, [1.0, 10.0, 1000.0]) == pytest.approx([math.nan, 1.0, 2.0], nan_ok=True)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-
 import pytest
 
 from engine import Settings
@@ -11,10 +9,8 @@ from tools.blender_render import ToolError
 
 
 @pytest.fixture(scope="module")
-def trials(repository):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        yield importlib.import_module("trials")
+def trials(script):
+    return script("trials")
 
 
 def test_each_edit_finds_its_text(trials, tmp_path):
@@ -68,14 +64,17 @@ def test_the_list_is_written_from_the_kept_rows_alone(trials, tmp_path):
     rows = [row("no roulette", 1.25, 1.25)]
     trials.common.update_table("trials", ("instead",), rows, folder=tmp_path)
     trials.quote_list(page, tmp_path)
-    table = trials.list_of_tried(rows)
-    assert "| Russian roulette by throughput |" in table
+    table = trials.section(rows)
+    assert "| Russian roulette by throughput |" in table and "(results/trials.md)" in table
     assert page.read_text() == f"before\n{trials.MARKS[0]}{table}{trials.MARKS[1]}after\n"
+    trials.quote_list(page, tmp_path / "nothing")
+    assert "Not measured yet" in page.read_text() and "](" not in page.read_text()
 
 
 def test_the_readme_of_the_benchmarks_quotes_the_list(trials, repository):
     page = (repository / "benchmarks" / "README.md").read_text(encoding="utf-8")
     quoted = page.split(trials.MARKS[0])[1].split(trials.MARKS[1])[0]
     kept = trials.common.read_table("trials", trials.common.RESULTS)
-    assert quoted == trials.list_of_tried(kept)
-    assert len(quoted.splitlines()) == (len(kept) + 2 if kept else 0)  # no row whose trial is gone
+    assert quoted == trials.section(kept), "write it anew: python benchmarks/trials.py --list"
+    names = [trial.name for trial in trials.TRIALS]
+    assert [row["instead"] for row in kept if row["instead"] not in names] == []

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-
 import numpy as np
 import pytest
 
@@ -11,13 +9,8 @@ from engine import Settings, render
 
 
 @pytest.fixture(scope="module")
-def bench(repository):
-    spec = importlib.util.spec_from_file_location("benchmarks_viewport", repository / "benchmarks" / "viewport.py")
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(repository / "benchmarks"))
-        spec.loader.exec_module(module)
-        yield module
+def bench(script):
+    return script("viewport")
 
 
 def test_the_scene_is_a_lit_ball_of_a_hundred_thousand_triangles(bench):
