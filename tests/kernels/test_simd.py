@@ -328,6 +328,23 @@ def test_compress_leaves_zeros_and_spread_the_first_lane(numbers, limit) -> None
 
 
 @kernel
+def compressed(masks, out):
+    """Numbers of lanes, by each row of masks."""
+    for row in range(masks.shape[0]):
+        store(out, row, 0, compress(lanes() + np.uint32(1), load(masks, row, 0) != np.uint32(0)))
+
+
+def test_compress_by_every_mask() -> None:
+    bits = np.arange(1 << WIDTH, dtype=np.uint32)[:, None] >> np.arange(WIDTH, dtype=np.uint32) & 1
+    out, expected = np.zeros((1 << WIDTH, WIDTH), np.uint32), np.zeros((1 << WIDTH, WIDTH), np.uint32)
+    compressed(np.ascontiguousarray(bits), out)
+    number = bits.sum(axis=1, dtype=np.int64)
+    row, lane = np.nonzero(bits)  # row by row, lanes ascending
+    expected[row, np.arange(len(row)) - np.repeat(np.cumsum(number) - number, number)] = lane + 1
+    assert np.array_equal(out, expected)
+
+
+@kernel
 def in_parts(x, narrow, narrower, out):
     for i in range(0, N, WIDTH):
         store_parts(narrow, 1, 8, load(x, 0, i))

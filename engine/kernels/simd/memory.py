@@ -164,7 +164,9 @@ def lanes(typing_context):
 
 @intrinsic
 def compress(typing_context, value, mask):
-    """The lanes of the mask moved to the front, and zeros behind them."""
+    """The lanes of the mask moved to the front, 32 bits each, and zeros behind them."""
+    if value not in (F32, I32, U32):
+        return None
 
     def codegen(context, builder, sig, args):
         # As integers: LLVM 22 ends the process when it does this of floats for a processor without AVX-512.
