@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import itertools
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -140,7 +139,7 @@ class _Render:
         self.result = Result(
             pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
         )
-        self.threads = settings.threads or os.cpu_count() or 1
+        self.threads = settings.thread_count
         self.pool = ThreadPoolExecutor(self.threads, thread_name_prefix="lobe")
         self.halt = np.zeros(1, np.uint8)
         self.counted = np.zeros(COUNTERS, np.int64)
