@@ -1,24 +1,26 @@
 """Compiles in processes of their own: holding Python's lock for seconds, as compiling does, would freeze the window.
 
 Such a process is the Python inside Blender, which fills the cache on disk and ends. One is started when Lobe is
-enabled, once for each version of the kernels, at low priority: it compiles what scenes most often need before anyone
-waits for it. For any other kernel the engine starts one when a scene needs it. Both only where there is a window.
-This file is also what they run.
+enabled, at low priority: it compiles what scenes most often need before anyone waits for it. It ends at once where that
+has been done, or has failed, for the same kernels: only with Numba loaded, which Blender is spared, can one tell. For
+any other kernel the engine starts one when a scene needs it. Both only where there is a window. This file is also what
+they run.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import re
 import sys
 
 CACHE_VARIABLE = "LOBE_CACHE_DIR"  # read by engine/kernels/jit.py
 LOOK_INTERVAL = 1.0  # seconds
+LOG, FAILED = "precompile.log", "precompile-failed.log"  # in the cache's folder
+FAR_AWAY = 1 << 30  # bytes, behind the end of any log
 DONE = "{} of {} kinds of scenes are compiled"  # a line of the log
 _process = None  # the one that compiles the common kernels
-_log = ""  # the file that it writes to
+_log = None  # the file that it writes to, open and locked
 _said = ""
 _own_variable = False
 
@@ -52,36 +54,68 @@ def unregister() -> None:
 
 
 def start() -> None:
-    """Start the process, unless these kernels were compiled before or there is nowhere to keep the result."""
+    """Start the process, unless another Blender has one, or there is nowhere to keep the result."""
     global _process, _log
     folder = os.environ.get(CACHE_VARIABLE)
-    if not folder or not _has_python() or os.path.exists(_stamp(folder)):
+    if not folder or not _has_python():
         return
     import atexit
     import subprocess
 
     import bpy
 
-    _log = os.path.join(folder, "precompile.log")
     try:
         os.makedirs(folder, exist_ok=True)
-        with open(_log, "w") as log:
-            _process = subprocess.Popen(
-                [*_command(), "", _stamp(folder)],
-                env=_environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                creationflags=_windows("CREATE_NO_WINDOW") | _windows("IDLE_PRIORITY_CLASS"),
-            )
+        _log = _locked(os.path.join(folder, LOG))
+        if _log is None:
+            return
+        _process = subprocess.Popen(
+            [*_command(), ""],
+            env=_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=_log,
+            stderr=_log,
+            creationflags=_windows("CREATE_NO_WINDOW") | _windows("IDLE_PRIORITY_CLASS"),
+        )
     except OSError:  # the engine keeps its kernels elsewhere then, and says so
+        _close_log()
         return
     atexit.register(_end)
     bpy.app.timers.register(_look, persistent=True)
 
 
+def _locked(path: str):
+    """The file, open and empty; None where another Blender has it, or the process of one that has ended."""
+    file = open(path, "ab")  # noqa: SIM115  it stays open as long as the process runs
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            file.seek(FAR_AWAY)  # there nobody else can read or write what is locked
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            file.seek(0)  # the process goes on from here
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        file.close()
+        return None
+    except OSError:  # a disk that knows no locks
+        pass
+    file.truncate(0)
+    return file
+
+
+def _close_log() -> None:
+    global _log
+    if _log is not None:
+        _log.close()
+        _log = None
+
+
 def said() -> str:
-    """How far the process is, for a panel; empty where there is none."""
+    """How far the process is, or why it has ended, for a panel; empty where it compiles nothing."""
     return _said
 
 
@@ -90,20 +124,35 @@ def _look() -> float | None:
     from .scene_report import redraw_properties
 
     global _said
-    before, _said = _said, _progress()
+    code = None if _process is None else _process.poll()
+    is_over = _process is None or code is not None
+    before, _said = _said, _outcome(code) if is_over else _progress()
     if _said != before:
         redraw_properties()
-    return LOOK_INTERVAL if _said else None
+    if is_over:
+        _end()
+    return None if is_over else LOOK_INTERVAL
 
 
 def _progress() -> str:
-    if _process is None or _process.poll() is not None:
-        return ""
-    text = "Compiling in the background"
     counts = []
-    with contextlib.suppress(OSError), open(_log, errors="replace") as log:  # users may delete it
+    with contextlib.suppress(OSError), open(_log.name, errors="replace") as log:  # users may delete it
         counts = re.findall(DONE.format(r"(\d+)", r"(\d+)"), log.read())
-    return f"{text}: {counts[-1][0]} of {counts[-1][1]}" if counts else text
+    return "Compiling in the background: {} of {}".format(*counts[-1]) if counts else ""
+
+
+def _outcome(code: int | None) -> str:
+    """What to say of a process that has ended. The log of one that failed stays, which `_main` finds."""
+    import signal
+
+    if code in (None, 0, -signal.SIGINT, -signal.SIGTERM):  # the last two: as all that runs when the user logs out
+        return ""
+    path = _log.name
+    _close_log()
+    kept = os.path.join(os.path.dirname(path), FAILED)
+    with contextlib.suppress(OSError):
+        os.replace(path, kept)
+    return f"Compiling in the background failed, see {kept}"
 
 
 def stop() -> None:
@@ -119,6 +168,7 @@ def stop() -> None:
 def _end() -> None:
     """Also when Blender closes, and is no longer there to be asked."""
     global _process
+    _close_log()
     if _process is None:
         return
     import atexit
@@ -143,7 +193,7 @@ def _has_python() -> bool:
 
 
 def _command() -> list[str]:
-    """To which the name of the kernel is added, or nothing and the stamp."""
+    """To which the name of the kernel is added, or an empty text for the common ones."""
     return [sys.executable, __file__, _root_package(), _root_folder()]
 
 
@@ -159,18 +209,7 @@ def _root_folder() -> str:
     return os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
-def _stamp(folder: str) -> str:
-    """The file that says that the kernels as they are now have been compiled by this Python."""
-    digest = hashlib.sha256(sys.version.encode())
-    for path, folders, names in os.walk(os.path.join(_root_folder(), "engine")):
-        folders.sort()
-        for name in sorted(n for n in names if n.endswith(".py")):
-            with open(os.path.join(path, name), "rb") as file:
-                digest.update(file.read())
-    return os.path.join(folder, f"precompiled-{digest.hexdigest()[:16]}")
-
-
-def _main(package: str, folder: str, kernel: str, stamp: str = "") -> None:
+def _main(package: str, folder: str, kernel: str) -> None:
     """In the process: import the engine under the name that it has in Blender, and compile this kernel, or the common
     ones in nobody's way."""
     import importlib
@@ -184,9 +223,20 @@ def _main(package: str, folder: str, kernel: str, stamp: str = "") -> None:
         parent = types.ModuleType(".".join(names[:depth]))
         parent.__path__ = [os.path.dirname(folder)] if depth == len(names) - 1 else []
         sys.modules[parent.__name__] = parent
-    importlib.import_module(f"{package}.engine").precompile(kernel, _tell)
-    if stamp:
-        open(stamp, "w").close()
+    engine = importlib.import_module(f"{package}.engine")
+    if kernel or not _failed_before(engine.kernel_folder()):
+        engine.precompile(kernel, _tell)
+
+
+def _failed_before(kernels: str) -> bool:
+    """In the process: whether the log of a failure is of these kernels and this Python. If not, the new log says what
+    it is of."""
+    title = f"Python {sys.version.split()[0]}, {kernels}"
+    with contextlib.suppress(OSError), open(os.path.join(os.environ[CACHE_VARIABLE], FAILED), errors="replace") as log:
+        if log.readline().strip() == title:
+            return True
+    print(title, flush=True)
+    return False
 
 
 def _tell(done: int, total: int) -> None:

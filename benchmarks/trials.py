@@ -241,7 +241,7 @@ TRIALS = (
         "huge pages for Embree",
         False,
         "none",
-        [("engine/accel.py", "rtcNewDevice(None)", 'rtcNewDevice(b"hugepages=1")')],
+        [("engine/accel.py", 'f"user_threads=', 'f"hugepages=1,user_threads=')],
     ),
 )
 

@@ -67,6 +67,7 @@ __all__ = [
     "World",
     "compile_elsewhere",
     "foresee",
+    "kernel_folder",
     "precompile",
     "render",
 ]
@@ -130,7 +131,7 @@ def numba_problem() -> str | None:
 def precompile(kernel: str, progress: Callable[[int, int], None]) -> None:
     """Fill the cache on disk. Takes long, so call it in a process of its own.
 
-    kernel    which, as `compile_elsewhere` names it; empty: those that scenes most often need
+    kernel    which, as `compile_elsewhere` names it; empty: those that scenes most often need, unless they are there
     progress  told, before each of those, how many are done and of how many
     """
     from . import schedule
@@ -139,3 +140,10 @@ def precompile(kernel: str, progress: Callable[[int, int], None]) -> None:
         schedule.precompile_one(json.loads(kernel))
     else:
         schedule.precompile_common(progress)
+
+
+def kernel_folder() -> str:
+    """Where these kernels, compiled for this processor, are kept. Loads Numba."""
+    from .kernels.jit import CACHE_FOLDER
+
+    return str(CACHE_FOLDER)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from .errors import LobeError
 from .kernels.embree import build_monitor, lamp_filter, library
 from .memory import ADVICE
+from .settings import usable_processors
 
 _P, _U, _Z = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
 
@@ -31,13 +33,14 @@ _SCENE_FLAG_ROBUST = 4
 # trial "leaves that hold numbers of vertices"). For scenes of so many triangles that the former count.
 _SCENE_FLAG_COMPACT = 2
 _MOST_IN_FULL = 1 << 20  # triangles
+PRIMITIVES_PER_THREAD = 4096  # that a further thread is worth starting for
 
 _SIGNATURES = {
     "rtcNewDevice": (_P, [ctypes.c_char_p]),
     "rtcGetDeviceError": (ctypes.c_int, [_P]),
     "rtcNewScene": (_P, [_P]),
     "rtcReleaseScene": (None, [_P]),
-    "rtcCommitScene": (None, [_P]),
+    "rtcJoinCommitScene": (None, [_P]),
     "rtcSetSceneBuildQuality": (None, [_P, ctypes.c_int]),
     "rtcSetSceneFlags": (None, [_P, ctypes.c_int]),
     "rtcSetSceneProgressMonitorFunction": (None, [_P, _P, _P]),
@@ -63,11 +66,16 @@ class BuildStopped(Exception):
 
 
 def device() -> int:
-    """The one Embree device of this process."""
+    """The one Embree device of this process.
+
+    All its build threads are "user threads": Embree starts none of its own, and a scene is built by those that join.
+    So each render keeps to its own number. Embree's `threads` would be the largest of all devices that there are, and
+    hold for all in this process that has its tasks done by the same library.
+    """
     global _device
     with _device_lock:
         if _device is None:
-            _device = library.rtcNewDevice(None)
+            _device = library.rtcNewDevice(f"user_threads={usable_processors()}".encode())
         if not _device:
             raise LobeError("Embree could not start on this processor")
         return _device
@@ -118,25 +126,40 @@ class InstanceGeometry:
 EmbreeGeometry = TriangleGeometry | SphereGeometry | InstanceGeometry
 
 
+def _primitives(geometry: EmbreeGeometry) -> int:
+    match geometry:
+        case TriangleGeometry():
+            return len(geometry.triangles)
+        case SphereGeometry():
+            return len(geometry.centers_radii)
+        case InstanceGeometry():
+            return len(geometry.transforms)
+
+
+def _join(scene: int) -> None:
+    """Build it together with the other threads that call this, until it is done. Each learns of its errors itself."""
+    library.rtcJoinCommitScene(scene)
+    _check("build the ray tracing structure")
+
+
 class Accel:
     """An Embree scene with these geometries, whose ids are their places in the list.
 
-    halt  (1,) uint8; once another thread sets it the build ends, and BuildStopped is raised
+    halt     (1,) uint8; once another thread sets it the build ends, and BuildStopped is raised
+    threads  build it, this one among them; not more than there are processors
     """
 
-    def __init__(
-        self, geometries: Sequence[TriangleGeometry | SphereGeometry | InstanceGeometry], halt: np.ndarray | None = None
-    ):
+    def __init__(self, geometries: Sequence[EmbreeGeometry], halt: np.ndarray | None = None, threads: int = 1):
         self._keep: list = []
         self._scenes: list[int] = []
         self._scene_of_mesh: dict[int, int] = {}  # by id(), of meshes that `geometries` holds
-        self._halt = halt
+        self._halt, self._threads = halt, min(threads, usable_processors())
         try:
             triangles = sum(len(g.triangles) for g in geometries if isinstance(g, TriangleGeometry))
             self.address = self._new_scene(triangles)
             for geometry in geometries:
                 self._attach(self.address, self._make(geometry), geometry.mask, geometry.is_lamp)
-            self._commit(self.address)
+            self._commit(self.address, sum(map(_primitives, geometries)))
         except BaseException:
             self.release()
             raise
@@ -158,12 +181,19 @@ class Accel:
         library.rtcReleaseGeometry(geometry)
         _check("set up a geometry")
 
-    def _commit(self, scene: int) -> None:
+    def _commit(self, scene: int, primitives: int) -> None:
         if self._halt is not None:
             self._keep.append(self._halt)
             library.rtcSetSceneProgressMonitorFunction(scene, build_monitor().address, self._halt.ctypes.data)
-        library.rtcCommitScene(scene)
-        _check("build the ray tracing structure")
+        threads = min(self._threads, 1 + primitives // PRIMITIVES_PER_THREAD)
+        if threads == 1:
+            _join(scene)
+            return
+        with ThreadPoolExecutor(threads - 1, thread_name_prefix="Lobe build") as pool:
+            others = [pool.submit(_join, scene) for _ in range(threads - 1)]
+            _join(scene)
+            for other in others:
+                other.result()
 
     def _make(self, geometry) -> int:
         match geometry:
@@ -205,7 +235,7 @@ class Accel:
         if id(mesh) not in self._scene_of_mesh:
             scene = self._new_scene(len(mesh.triangles))
             self._attach(scene, self._triangle_geometry(mesh), 0xFFFFFFFF)
-            self._commit(scene)
+            self._commit(scene, len(mesh.triangles))
             self._scene_of_mesh[id(mesh)] = scene
         return self._scene_of_mesh[id(mesh)]
 

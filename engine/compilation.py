@@ -35,7 +35,7 @@ class Compilation:
     def __call__(self, seconds: float) -> Doing:
         """After so many seconds."""
         if not self._total:
-            return loading(seconds)
+            return PREPARING
         self._left = [path for path in self._left if not os.path.exists(path)]
         done = self._total - self._kernels - len(self._left)
         return Doing(f"compiling: {done} of {self._total} functions, {seconds:.0f} s {ONCE}", (done, self._total))
@@ -62,6 +62,5 @@ def _file(function: Any) -> str:
 
 
 def loading(seconds: float) -> Doing:
-    """What to say of what is kept, but perhaps for another processor, and of functions for C to call, of which Numba
-    doesn't tell whether they are."""
+    """What to say of functions for C to call, of which Numba doesn't tell whether they are kept."""
     return Doing(f"loading or compiling, {seconds:.0f} s") if seconds > ANNOUNCE_SECONDS else PREPARING

@@ -5,7 +5,6 @@ All samples of a pixel are summed in order, so that a picture that was left alon
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -146,7 +145,7 @@ class Live:
             scene.validate()
         else:
             _news(self._packed.parts.scene, scene).validate()
-        threads = settings.threads or os.cpu_count() or 1
+        threads = settings.thread_count
         if threads != self._threads:
             self._pool.shutdown(wait=True)
             self._threads, self._pool = threads, ThreadPoolExecutor(threads, thread_name_prefix="Lobe viewport")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import itertools
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -51,6 +50,7 @@ POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 BUILDING = Doing("building")
 TREE_BUILDER = {"function": "builder of light trees"}  # in place of a `_name`
+COMMON = {"kernels": "of common scenes"}  # to mark that they are all there
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
@@ -140,7 +140,7 @@ class _Render:
         self.result = Result(
             pixels=np.zeros(0, np.float32), samples=0, skipped=list(scene.skipped), warnings=list(scene.warnings)
         )
-        self.threads = settings.threads or os.cpu_count() or 1
+        self.threads = settings.thread_count
         self.pool = ThreadPoolExecutor(self.threads, thread_name_prefix="lobe")
         self.halt = np.zeros(1, np.uint8)
         self.counted = np.zeros(COUNTERS, np.int64)
@@ -443,14 +443,16 @@ def precompile_one(name: dict[str, Any]) -> None:
 
 
 def precompile_common(progress: Callable[[int, int], None]) -> None:
-    """Compile the kernels of common scenes into the disk cache, those that are needed soonest first. progress: told how
-    many kinds of scenes are done, and of how many.
+    """Compile the kernels of common scenes into the disk cache, those that are needed soonest first, unless they are
+    there. progress: told how many kinds of scenes are done, and of how many.
 
     Functions that kernels share are in the cache too: what these scenes have between them is most of what there is,
     so that any other scene takes a small part of the first one's time, see benchmarks/results/startup.md.
     """
     from .features import CONSTANT_WORLD, DISK, EVERYTHING, IMAGE_WORLD
 
+    if _cache() is None or elsewhere.is_marked(COMMON, _cache()):
+        return
     glossy = Features(phong=1, smooth=1)
     lamp_lit = glossy._replace(lamp_kinds=DISK, lamp_shapes=1, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD)
     mesh_lit = Features(mesh_emitters=1, emitter_choice=EMITTER_TREE)
@@ -475,3 +477,4 @@ def precompile_common(progress: Callable[[int, int], None]) -> None:
         packed.features = features
         load_kernel(packed, Settings())
     precompile_one(TREE_BUILDER)
+    elsewhere.mark(COMMON, _cache())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 from .errors import SettingsError
@@ -16,7 +17,7 @@ ROADS = ("COMPILED", "REFERENCE")
 
 @dataclass(frozen=True)
 class Settings:
-    """Defaults are the add-on's defaults. `threads` 0 means one for each core.
+    """Defaults are the add-on's defaults. `threads` 0: one for each of the `usable_processors`.
 
     time_limit          seconds, 0: none
     adaptive_threshold  the error at which a pixel stops, relative to its brightness
@@ -44,6 +45,11 @@ class Settings:
     road: str = "COMPILED"
     threads: int = 0
 
+    @property
+    def thread_count(self) -> int:
+        """Threads that build and render."""
+        return self.threads or usable_processors()
+
     def validate(self) -> None:
         """Raises SettingsError with the name of the setting."""
         check_fields(self, lambda problem: SettingsError(f"setting {problem}"))
@@ -58,6 +64,14 @@ class Settings:
         for name in self.passes:
             if name not in PASSES:
                 raise SettingsError(f"setting 'passes' has {name!r}: there are {', '.join(PASSES)}")
+
+
+def usable_processors() -> int:
+    """Processors, as the system counts them, that this process may use: a job of a cluster is bound to some of them.
+    Not all systems tell."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 RANGES: dict[str, tuple[float, float]] = {

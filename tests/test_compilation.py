@@ -76,7 +76,7 @@ def test_steps_are_the_functions_that_are_there(folder):
 def test_what_is_kept_or_here_is_not_compiled(folder):
     kernel = make_kernel(unused)
     assert Compilation([kernel], is_kept=True)(1.0) == PREPARING
-    assert Compilation([kernel], is_kept=True)(99.0) == Doing("loading or compiling, 99 s")  # of another processor
+    assert Compilation([kernel], is_kept=True)(99.0) == PREPARING
     assert Compilation([kernel], is_kept=False)(1.0).steps == (0, 3)
     kernel(1)
     assert Compilation([kernel], is_kept=False)(1.0) == PREPARING
@@ -150,8 +150,14 @@ def test_a_viewport_says_how_far_its_compilation_is(slow):
     assert any(text.endswith(ONCE) and " functions, " in text for text in said) and interactive.message == ""
 
 
-def test_common_kernels_are_counted(monkeypatch):
-    """As the process in the background does, which Blender listens to."""
+def test_what_may_be_compiled_unseen_says_so():
+    assert compilation.loading(1.0) == PREPARING
+    assert compilation.loading(99.0) == Doing("loading or compiling, 99 s")
+
+
+def test_common_kernels_are_counted(monkeypatch, tmp_path: Path):
+    """As the process in the background does, which Blender listens to. Once they are kept nothing is done."""
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
     done: list[tuple[int, int]] = []
     loaded: list[int] = []
     monkeypatch.setattr(schedule, "load_kernel", lambda packed, settings: loaded.append(len(done)))
@@ -160,3 +166,21 @@ def test_common_kernels_are_counted(monkeypatch):
     total = len(done)
     assert done == [(number, total) for number in range(total)]
     assert loaded == [*range(1, total + 1), total]
+    schedule.precompile_common(lambda *counts: pytest.fail("compiled once more"))
+    assert len(loaded) == total + 1
+
+
+def test_common_kernels_that_fail_are_not_marked(monkeypatch, tmp_path: Path):
+    def fail(packed, settings) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(schedule, "load_kernel", fail)
+    with pytest.raises(MemoryError):
+        schedule.precompile_common(lambda *_: None)
+    assert not list(tmp_path.glob("*.compiled"))
+
+
+def test_without_a_cache_nothing_is_compiled_for_it(monkeypatch):
+    monkeypatch.setattr(schedule, "lost_cache", lambda: "there is none")
+    schedule.precompile_common(lambda *_: pytest.fail("compiled for nothing"))

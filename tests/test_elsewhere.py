@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine import elsewhere
+from engine import LobeError, elsewhere
 
 KERNEL = {"features": {"phong": 1}, "first_hits": False}
 NEVER = bool  # what `stop` says: False
@@ -66,9 +66,10 @@ def test_stopping_ends_the_process_at_once(tmp_path: Path) -> None:
 def test_two_threads_start_one_process(started: Path, tmp_path: Path, monkeypatch) -> None:
     run = elsewhere._run
 
-    def run_and_mark(command, stop) -> None:
-        run(command, stop)
+    def run_and_mark(command, stop) -> int:
+        code = run(command, stop)
         elsewhere.mark(KERNEL, tmp_path)
+        return code
 
     monkeypatch.setattr(elsewhere, "_run", run_and_mark)
     threads = [threading.Thread(target=elsewhere.compiled, args=(KERNEL, tmp_path, NEVER)) for _ in range(3)]
@@ -99,6 +100,38 @@ def test_where_the_process_fails_the_kernel_is_compiled_here(command: list[str],
     finally:
         elsewhere.compile_elsewhere(())
     assert len(list(tmp_path.glob("*.compiled"))) == 1
+
+
+def test_where_the_process_crashes_the_kernel_is_not_compiled_here(tmp_path: Path, monkeypatch) -> None:
+    """As LLVM ends it: the same here would be the end of Blender. The next attempt is in another process again."""
+    from llvmlite import binding
+
+    from engine import Camera, Scene, Settings, render, schedule
+
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(schedule, "load_kernel", lambda *_: pytest.fail("compiled here"))
+    elsewhere.compile_elsewhere([sys.executable, "-c", "import os; os.abort()"])
+    try:
+        for _ in range(2):
+            with pytest.raises(LobeError, match=r"the compiler crashed .* please report this .* Reference") as error:
+                render(Scene(camera=Camera(), width=4, height=4), Settings(samples=1))
+            assert repr(binding.get_host_cpu_name()) in str(error.value)
+    finally:
+        elsewhere.compile_elsewhere(())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("platform", "code", "killed"),
+    [
+        ("linux", -6, True), ("darwin", -9, True), ("linux", 0, False), ("linux", 1, False), ("linux", 3, False),
+        ("win32", 3, True), ("win32", 0xC0000409, True), ("win32", 0xC0000005, True), ("win32", 1, False),
+        ("win32", 0, False),
+    ],
+)  # fmt: skip
+def test_a_crash_is_known_by_the_exit_code(monkeypatch, platform: str, code: int, killed: bool) -> None:
+    monkeypatch.setattr(elsewhere.sys, "platform", platform)
+    assert elsewhere.was_killed(code) == killed
 
 
 def test_a_render_marks_the_kernel_by_the_name_that_compiles_it(tmp_path: Path, monkeypatch) -> None:

@@ -58,8 +58,9 @@ def test_a_build_ends_when_it_is_told_to():
     halt = np.zeros(1, np.uint8)
     Accel(packed.shapes, halt)
     halt[0] = 1
-    with pytest.raises(BuildStopped):
-        Accel(packed.shapes, halt)
+    for threads in (1, 2):
+        with pytest.raises(BuildStopped):
+            Accel(packed.shapes, halt, threads)
 
 
 def test_progress_ends_at_all_samples():

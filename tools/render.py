@@ -95,7 +95,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=resolution, metavar="WxH", help="the pixels of the picture")
     parser.add_argument("--frame", type=whole_number(-1048574, 1048574), metavar="N",
                         help="of the animation; default: the one that the file was saved at")  # fmt: skip
-    parser.add_argument("--threads", type=whole_number(0, 1024), metavar="N", help="0: one for each core")
+    parser.add_argument("--threads", type=whole_number(0, 1024), metavar="N", help="0: one for each processor")
     parser.add_argument("--set", action="append", default=[], metavar="scene.lobe.KEY=VALUE", dest="assignments",
                         help="any setting of Lobe, or of Blender as scene.render.KEY or scene.cycles.KEY; "
                         "may be given again")  # fmt: skip

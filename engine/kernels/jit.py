@@ -21,6 +21,7 @@ import embreex
 import llvmlite
 import numba
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
 
 from .halfway import intermediate_code_only
 
@@ -34,14 +35,16 @@ AS_WRITTEN = os.environ.get("LOBE_CALCULATE_AS_WRITTEN") == "1"
 
 
 def _source_hash() -> str:
-    """Hash of every kernel source and of the packages that they are compiled with.
+    """Hash of every kernel source, of the packages that they are compiled with, and of the processor.
 
     Numba notices an edit of a function's own file and a new version of itself, but neither an edit of a callee's file
-    nor new versions of llvmlite and Embree.
+    nor new versions of llvmlite and Embree. It does notice another processor, but to itself: that something has been
+    compiled must be certain from the folder alone.
     """
     digest = hashlib.sha256(b"as written" if AS_WRITTEN else b"")
     for package in (numba, llvmlite, embreex):
         digest.update(f"{package.__name__} {package.__version__}\0".encode())
+    digest.update(repr(cpu_target.target_context.codegen().magic_tuple()).encode())  # by which Numba tells them apart
     for path in [KERNEL_FOLDER.parent / "features.py", *sorted(KERNEL_FOLDER.rglob("*.py"))]:
         digest.update(path.relative_to(KERNEL_FOLDER.parent).as_posix().encode())
         digest.update(path.read_bytes())

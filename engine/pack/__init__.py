@@ -91,7 +91,7 @@ def assemble(parts: Parts, settings: Settings, halt: np.ndarray | None = None, a
     _check_sizes(geometry.tables, lights.tables)
     if scene.world.image is not None and scene.world.image.size > MOST_NUMBERS:
         raise SceneError("the world's image has more than 715 million pixels: use a smaller one")
-    accel = accel or Accel([*geometry.shapes, *lights.shapes], halt)
+    accel = accel or Accel([*geometry.shapes, *lights.shapes], halt, settings.thread_count)
     kind = np.concatenate([geometry.tables.kind, lights.shape_kind]).astype(np.int32)
     base = np.concatenate([geometry.tables.base, lights.shape_base]).astype(np.int32)
     assert scene.camera is not None

@@ -34,7 +34,7 @@ def test_it_can_be_stopped_at_once(precompile, tmp_path: Path) -> None:
     precompile.stop()
     assert process.returncode not in (None, 0)
     assert precompile._process is None
-    assert not list(tmp_path.glob("precompiled-*"))
+    assert not (tmp_path / precompile.FAILED).exists()
 
 
 def test_a_cache_folder_that_is_not_there_is_made(precompile, tmp_path: Path, monkeypatch) -> None:
@@ -58,10 +58,62 @@ def test_without_a_python_there_is_no_process(precompile, executable, monkeypatc
     assert precompile._process is None
 
 
-def test_it_runs_once_for_the_same_kernels(precompile, tmp_path: Path) -> None:
-    Path(precompile._stamp(str(tmp_path))).touch()
+def runs(precompile, monkeypatch, code: str) -> None:
+    """In place of what compiles."""
+    monkeypatch.setattr(precompile, "_command", lambda: [sys.executable, "-c", code])
+
+
+def test_one_process_for_all_blenders(precompile, tmp_path: Path, monkeypatch) -> None:
+    """The second one starts none, and leaves the first one's log alone."""
+    runs(precompile, monkeypatch, "print('first', flush=True); import time; time.sleep(60)")
     precompile.start()
-    assert precompile._process is None
+    log, first = tmp_path / precompile.LOG, precompile._process
+    deadline = time.perf_counter() + PATIENCE
+    while "first" not in log.read_text() and time.perf_counter() < deadline:
+        time.sleep(0.01)
+    assert precompile._locked(str(log)) is None
+    assert log.read_text().strip() == "first"
+    precompile.stop()
+    assert first.returncode not in (None, 0)
+    with precompile._locked(str(log)) as other:
+        precompile.start()
+        assert precompile._process is None
+    assert other.closed and log.read_text() == ""
+    precompile.start()
+    assert precompile._process is not None
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there the lock ends with Blender")
+def test_a_process_that_outlives_its_blender_stays_the_only_one(precompile, tmp_path: Path, monkeypatch) -> None:
+    runs(precompile, monkeypatch, "import time; time.sleep(60)")
+    precompile.start()
+    precompile._close_log()
+    assert precompile._locked(str(tmp_path / precompile.LOG)) is None
+
+
+def ended(precompile) -> str:
+    """What is said once the process has ended."""
+    precompile._process.wait(PATIENCE)
+    assert precompile._look() is None and precompile._process is None
+    return precompile.said()
+
+
+@pytest.mark.parametrize("failure", ["raise SystemExit('why')", "print('why', flush=True); import os; os.abort()"])
+def test_a_failure_is_told_and_its_log_kept(precompile, tmp_path: Path, monkeypatch, failure: str) -> None:
+    runs(precompile, monkeypatch, failure)
+    precompile.start()
+    kept = tmp_path / precompile.FAILED
+    assert ended(precompile) == f"Compiling in the background failed, see {kept}"
+    assert kept.read_text().strip() == "why"
+    precompile.stop()
+    assert precompile.said() == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such signals there")
+def test_who_logs_out_is_told_of_no_failure(precompile, tmp_path: Path, monkeypatch) -> None:
+    runs(precompile, monkeypatch, "import os, signal; os.kill(os.getpid(), signal.SIGTERM)")
+    precompile.start()
+    assert ended(precompile) == "" and not (tmp_path / precompile.FAILED).exists()
 
 
 def test_it_says_how_far_it_is(precompile, tmp_path: Path, monkeypatch) -> None:
@@ -77,34 +129,34 @@ wait_for({str(more)!r})
 print({precompile.DONE.format(0, 11)!r}, {precompile.DONE.format(4, 11)!r}, sep="\\n", flush=True)
 wait_for({str(more)!r} + " and more")
 """
-    monkeypatch.setattr(precompile, "_command", lambda: [sys.executable, "-c", code])
+    runs(precompile, monkeypatch, code)
     report = importlib.import_module(f"{MODULE}.addon.scene_report")
     monkeypatch.setattr(report, "redraw_properties", lambda: drawn.append(precompile.said()))
     assert precompile.said() == ""
     precompile.start()
     assert bpy.app.timers.is_registered(precompile._look)
-    assert precompile._look() and precompile._look() and precompile.said() == "Compiling in the background"
+    assert precompile._look() and precompile._look() and precompile.said() == ""  # it may have nothing to do
     more.touch()
     deadline = time.perf_counter() + PATIENCE
-    while precompile.said() == "Compiling in the background" and time.perf_counter() < deadline:
+    while precompile.said() == "" and time.perf_counter() < deadline:
         assert precompile._look()
     Path(f"{more} and more").touch()
     assert precompile._process.wait(PATIENCE) == 0
     assert precompile._look() is None and precompile.said() == ""
-    assert drawn == ["Compiling in the background", "Compiling in the background: 4 of 11", ""]
+    assert drawn == ["Compiling in the background: 4 of 11", ""]
 
 
-def test_once_it_is_stopped_nothing_is_said(precompile) -> None:
+def test_once_it_is_stopped_nothing_is_said(precompile, monkeypatch) -> None:
+    monkeypatch.setattr(precompile, "_said", "Compiling in the background: 4 of 11")
     precompile.start()
-    assert precompile._look() and precompile.said()
     precompile.stop()
     assert precompile.said() == "" and not bpy.app.timers.is_registered(precompile._look)
 
 
-def test_without_its_log_it_still_says_that_it_runs(precompile, tmp_path: Path) -> None:
+def test_without_its_log_it_runs_on(precompile, tmp_path: Path) -> None:
     precompile.start()
-    (tmp_path / "precompile.log").unlink()
-    assert precompile._look() and precompile.said() == "Compiling in the background"
+    (tmp_path / precompile.LOG).unlink()
+    assert precompile._look() and precompile.said() == ""
 
 
 def test_it_compiles_under_the_names_that_blender_uses(precompile, tmp_path: Path) -> None:
@@ -113,19 +165,23 @@ def test_it_compiles_under_the_names_that_blender_uses(precompile, tmp_path: Pat
     (extension / "__init__.py").touch()
     (extension / "engine" / "__init__.py").write_text(
         "def precompile(kernel, progress):\n    progress(3, 11)\n    print(__name__, repr(kernel))\n"
+        "def kernel_folder():\n    return 'folder of these kernels'\n"
     )
-    command = [sys.executable, precompile.__file__, MODULE, str(extension)]
-    done = subprocess.run([*command, "", str(tmp_path / "stamp")], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == [precompile.DONE.format(3, 11), f"{MODULE}.engine ''"]
-    done = subprocess.run([*command, "a kernel"], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == f"{MODULE}.engine 'a kernel'"
-    assert (tmp_path / "stamp").exists()
 
+    def said(kernel: str) -> list[str]:
+        command = [sys.executable, precompile.__file__, MODULE, str(extension), kernel]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
 
-def test_a_failure_leaves_no_stamp(precompile, tmp_path: Path) -> None:
-    command = [sys.executable, precompile.__file__, MODULE, str(tmp_path / "nothing"), "", str(tmp_path / "stamp")]
-    assert subprocess.run(command, capture_output=True).returncode != 0
-    assert not (tmp_path / "stamp").exists()
+    title, *lines = said("")
+    assert title.endswith(", folder of these kernels")
+    assert lines == [precompile.DONE.format(3, 11), f"{MODULE}.engine ''"]
+    # Where the same has failed it isn't tried again; what a scene needs is.
+    failed = tmp_path / precompile.FAILED
+    failed.write_text(f"{title}\nno memory\n")
+    assert said("") == []
+    assert said("a kernel")[-1] == f"{MODULE}.engine 'a kernel'"
+    failed.write_text(f"{title} of before\nno memory\n")
+    assert said("")[1:] == lines
 
 
 def test_the_cache_folder_is_set_and_taken_back(precompile, monkeypatch) -> None:

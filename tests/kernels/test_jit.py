@@ -17,6 +17,7 @@ from numba.core.registry import cpu_target
 from engine.kernels import jit
 
 SHOW = "from engine.kernels import jit; print(jit.CACHE_FOLDER)"
+OTHER = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}  # as Numba takes every processor's to be
 
 
 def run(code: str, repository: Path, **environment: str) -> str:
@@ -99,6 +100,16 @@ def test_another_version_of_a_package_is_another_folder(monkeypatch, package: st
     before = jit._source_hash()
     monkeypatch.setattr(getattr(jit, package), "__version__", "0.0")
     assert jit._source_hash() != before
+
+
+@pytest.mark.parametrize("variable", ["NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"])
+def test_another_processor_is_another_folder(repository, tmp_path, variable: str) -> None:
+    """So that what says that a kernel is kept speaks of code for this one."""
+    name, features = jit.cpu_target.target_context.codegen().magic_tuple()[1:]
+    others = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features}
+    same = run(SHOW, repository, LOBE_CACHE_DIR=str(tmp_path), **others)
+    other = run(SHOW, repository, LOBE_CACHE_DIR=str(tmp_path), **{**others, variable: OTHER[variable]})
+    assert Path(same).name == jit._source_hash() != Path(other).name
 
 
 def test_the_cache_of_others_stays_their_own() -> None:
