@@ -19,7 +19,7 @@ STYLE = """
   :root { --ink: #e6e7e8; --dim: #9a9ea3; --line: #3a3d40; --ground: #191b1d; --card: #232629; --accent: #f0955a } }
 * { box-sizing: border-box }
 body { font: 15px/1.55 system-ui, sans-serif; color: var(--ink); background: var(--ground); max-width: 64rem;
-  margin: 2.5rem auto; padding: 0 1.25rem }
+  margin: 2.5rem auto; padding: 0 1.25rem; overflow-wrap: anywhere }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 0 } h2 { font-size: 1.1rem; margin: 2.5rem 0 .6rem }
 p { max-width: 46rem } .dim, figcaption, th { color: var(--dim) } .dim { margin: .3rem 0 1.5rem }
 .headline { font-size: 1.15rem; font-weight: 600; margin: 0 0 1.2rem; max-width: none }
@@ -170,8 +170,10 @@ def _small(outcome: Outcome) -> str:
 
 
 def _slider(outcome: Outcome) -> str:
+    width, height = outcome.size
+    whole = f"max-width: calc(85vh * {width} / {height})"  # an upright picture fits into the window
     return (
-        f'<div class="slider{_small(outcome)}">{_image(outcome.pictures["lobe"], "Rendered with Lobe")}'
+        f'<div class="slider{_small(outcome)}" style="{whole}">{_image(outcome.pictures["lobe"], "Rendered with Lobe")}'
         f"{_image(outcome.pictures['cycles'], 'Rendered with Cycles')}"
         '<b class="left">Lobe</b><b class="right">Cycles</b><i></i>'
         '<input type="range" min="0" max="100" step="0.1" value="50" aria-label="Lobe left, Cycles right">'

@@ -327,6 +327,13 @@ def test_the_page_needs_nothing_else(outcome):
     assert 'type="range"' in text
 
 
+def test_the_page_holds_upright_pictures_and_long_names(outcome):
+    """Seen in a browser: the slider was higher than the window, and a name ran out of the page."""
+    text = html(dataclasses.replace(outcome, size=(1080, 1920)))
+    assert re.search(r'<div class="slider" style="max-width: calc\(\d+vh \* 1080 / 1920\)">', text)
+    assert re.search(r"^body \{[^}]*overflow-wrap: anywhere", text, re.MULTILINE)
+
+
 def test_the_page_without_anything_to_say(outcome):
     text = html(dataclasses.replace(outcome, changed=[], unmatched=[]))
     assert "both engines were asked for the same picture" in text and "<p>None.</p>" in text
