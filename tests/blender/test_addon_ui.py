@@ -539,6 +539,21 @@ def test_use_phong_says_what_it_replaces(capfd, kind: str, lost: str) -> None:
     assert all("(Undo brings it back)" in line and lost in line and "volumes" not in line for line in lines)
 
 
+def test_use_phong_leaves_a_volume_alone_in_clear_air() -> None:
+    """Its surface would otherwise hide the volume from Cycles."""
+    material, volume = new_material("M", "ShaderNodeVolumeScatter")
+    tree = material.node_tree
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.clear()
+    tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    with bpy.context.temp_override(material=material):
+        assert bpy.ops.lobe.use_phong() == {"FINISHED"}
+    sides = {link.from_node.bl_idname: link.from_node for link in tree.links if link.to_node.type == "ADD_SHADER"}
+    assert output.inputs["Surface"].links[0].from_node.type == "ADD_SHADER"
+    assert tuple(sides["ShaderNodeBsdfTransparent"].inputs["Color"].default_value) == (1.0, 1.0, 1.0, 1.0)
+    assert max(sides["ShaderNodeGroup"].inputs["kd"].default_value[:3]) == 0.0
+
+
 def test_undo_takes_use_phong_back() -> None:
     material, _ = new_material("M", "ShaderNodeBsdfGlass")
     material.use_fake_user = True

@@ -281,6 +281,43 @@ def test_normal_maps_volumes_and_displacement_are_named():
     ]
 
 
+def volume_material():
+    """Thin air in Volume, nothing in Surface."""
+    material, volume = new_material("M", "ShaderNodeVolumeScatter", Density=0.0)
+    tree = material.node_tree
+    tree.links.clear()
+    tree.links.new(volume.outputs[0], output_of(material).inputs["Volume"])
+    return material
+
+
+@pytest.mark.parametrize("muted", [False, True])
+def test_a_volume_alone_has_no_surface(muted: bool):
+    """A muted volume shader is none: then the surface is black, as where nothing is linked at all."""
+    material = volume_material()
+    material.node_tree.nodes["Volume Scatter"].mute = muted
+    expected = engine.Material("M") if muted else engine.Material("M", transparency=(1.0, 1.0, 1.0))
+    said = [] if muted else ["material 'M': volumes are not supported and left out"]
+    assert exported(material) == (expected, said)
+
+
+@pytest.mark.parametrize("muted", [False, True])
+def test_a_volume_alone_lets_as_much_light_through_as_in_cycles(tmp_path, muted: bool):
+    """To the camera, which looks at a sunlit floor through it, and in shadows, also where the material asks for opaque
+    ones."""
+    material = volume_material()
+    material.use_transparent_shadow = False
+    material.node_tree.nodes["Volume Scatter"].mute = muted
+    bpy.ops.mesh.primitive_cube_add(size=4.0)
+    bpy.context.object.data.materials.append(material)
+    floor = plane_mesh(100.0)
+    floor.materials.append(new_material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.5, 0.5, 0.5, 1))[0])
+    add_object("Floor", floor, (0, 0, -2.1))
+    add_object("Sun", bpy.data.lights.new("Sun", "SUN")).data.energy = np.pi
+    add_camera(angle=0.1)
+    found = next(m for m in export_scene(depsgraph()).materials if m.name == "M")
+    assert cycles_picture(16, 16, 16, tmp_path).mean() / 0.5 == pytest.approx(found.transparency[0], abs=1e-3)
+
+
 def test_empty_trees_are_black():
     material, _ = new_material("M", "ShaderNodeBsdfDiffuse")
     material.node_tree.links.clear()
