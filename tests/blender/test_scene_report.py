@@ -686,9 +686,18 @@ def test_equal_notes_are_counted_once(scene, checked) -> None:
 def test_names_of_images_do_not_keep_notes_apart(part) -> None:
     notes = part("export").Notes()
     for name in ("a.png", "b.png"):
-        notes.warn("material", name, f"image '{name}' is not mapped, its average colour is drawn")
+        notes.warn("material", name, f"image '{name}' is drawn in its average colour: textures are not supported yet")
     (group,) = part("export").grouped(notes.all)
-    assert group.what == "image '...' is not mapped, its average colour is drawn" and len(group.names) == 2
+    assert group.what == "image '...' is drawn in its average colour: textures are not supported yet"
+    assert len(group.names) == 2
+
+
+def test_what_changes_no_pixel_of_the_picture_comes_last_of_its_level(part) -> None:
+    notes = part("export").Notes()
+    notes.warn("view layer", "Layer", "these passes are not made: Vector")
+    notes.warn("material", "Pane", "Glass BSDF is not supported")
+    notes.warn_scene("fast GI is not supported")
+    assert [group.kind for group in part("export").grouped(notes.all)] == ["", "material", "view layer"]
 
 
 def test_a_render_fills_the_list_too(scene, part, rendered) -> None:

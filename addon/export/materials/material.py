@@ -168,7 +168,7 @@ def average_color(slot: Slot, images: Images, note) -> np.ndarray:
         note(f"{why}, drawn magenta")
         mean = np.array([*MISSING, 1.0])
     else:
-        note(f"image {image.name!r} is not mapped, its average colour is drawn")
+        note(f"image {image.name!r} is drawn in its average colour: textures are not supported yet")
     color, alpha = mean[:3], mean[3:]
     if mean[3] < 1.0 and image.alpha_mode == "NONE":
         alpha = np.ones(1)
