@@ -306,8 +306,8 @@ def test_the_scene_report(classes) -> None:
     shown = texts(panel, context)
     assert shown.startswith("2 ") and "as of the last render" in shown
     assert shown.count("Bump is not drawn") == 1 and "World: volumes are not drawn" in shown
-    assert shown.index("Drawn nearly as asked") < shown.index("It has no material")
-    assert "no faces" not in shown and skipped.poll(context) and "It has no faces" in texts(skipped, context)
+    assert shown.index("Drawn nearly as asked") < shown.index("Bare: it has no material")
+    assert "no faces" not in shown and skipped.poll(context) and "Empty: it has no faces" in texts(skipped, context)
 
 
 @pytest.mark.parametrize(
