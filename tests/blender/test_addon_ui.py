@@ -142,17 +142,23 @@ def test_panels_hide_from_other_engines(classes) -> None:
     assert not any(c.poll(context) for c in classes)
 
 
-def test_denoise_says_where_there_is_no_library(classes, monkeypatch, capfd) -> None:
-    """Looked for once, however often the panel is drawn."""
+@pytest.mark.parametrize("ticked", [True, False])
+def test_denoise_says_where_there_is_no_library(classes, monkeypatch, capfd, ticked: bool) -> None:
+    """A warning where it was asked for. Looked for once, however often the panel is drawn, and not a word on the
+    console."""
     module, tried = sys.modules[f"{MODULE}.addon.denoise"], []
     panel = find(classes, "LOBE_RENDER_PT_sampling_render_denoise")
     monkeypatch.setattr(module, "_candidates", lambda: tried.append(1) or ["no_such_library.so"])
     for cached in (module._library, module.is_missing):
         cached.cache_clear()
+    context, layout = fake_context(), Layout()
+    context.scene.lobe.use_denoising = ticked
     for _ in range(3):
-        draw(panel, fake_context())
-        assert "is rendered without denoising" in texts(panel, fake_context())
-    assert len(tried) == 1 and "no_such_library.so" in capfd.readouterr().out
+        text = "is rendered without denoising" if ticked else "this Blender lacks OpenImageDenoise"
+        assert text in texts(panel, context)
+    panel.draw(SimpleNamespace(layout=layout), context)
+    assert ("ERROR" in layout.icons) == ticked
+    assert len(tried) == 1 and "no_such_library.so" not in capfd.readouterr().out
     monkeypatch.undo()
     for cached in (module._library, module.is_missing):
         cached.cache_clear()
