@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import engine as lobe
 
+UNUSABLE = "Can't be used: this Blender lacks OpenImageDenoise"
 MISSING = "Blender's OpenImageDenoise library can't be found or used here: the picture is rendered without denoising"
 BYTES_A_PIXEL = 550  # that the library takes, measured at 1920 x 1080 with both guides
 DEVICE_CPU = 1
@@ -61,14 +62,21 @@ class DenoiseStopped(Exception):
 
 @functools.cache
 def is_missing() -> bool:
-    """Whether no picture can be denoised, for want of the library. Tried once in a session; the console has the
-    details."""
+    """Whether no picture can be denoised, for want of the library. Tried once in a session."""
+    try:
+        _library()
+    except DenoiseError:
+        return True
+    return False
+
+
+@functools.cache
+def print_what_was_tried() -> None:
+    """On the console, once in a session, where the library is missing and denoising was asked for."""
     try:
         _library()
     except DenoiseError as error:
         print(f"Lobe: {error}")
-        return True
-    return False
 
 
 def denoise(

@@ -75,11 +75,12 @@ def publish(report: dict, engine) -> None:
     scene_key, exported = report.pop("scene_key"), report.pop("notes")
     known = {note.sentence: note for note in exported}
     warnings = [known.get(text) or note_from_sentence(WARNING, text) for text in report["warnings"]]
+    groups = grouped(warnings)
     if scene_key is not None:
         scene_report.keep(scene_key, "render", dict.fromkeys([*warnings, *exported]))
     last_report.clear()
-    last_report.update(report)
-    for group in grouped(warnings):
+    last_report.update(report, warnings=[scene_report.sentence(group) for group in groups])
+    for group in groups:
         kind = "INFO" if group.level == APPROXIMATED else "WARNING"
         engine.report({kind}, f"Lobe: {scene_report.sentence(group)}")
     if report["rejected"]:  # how many is one of the warnings

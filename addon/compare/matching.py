@@ -10,6 +10,7 @@ import bpy
 
 from .. import scene_report
 from ..export.notes import APPROXIMATED, ERROR, WARNING
+from ..export.unsupported import is_beside_the_picture
 from ..passes import wanted_passes
 from . import peer
 from .keeping import Change, Keeper
@@ -162,12 +163,17 @@ def _listed(names: list[str], most: int = 8) -> str:
 
 def not_drawn(scene) -> Unmatched:
     """What Lobe, in its newest render of the scene, did not draw as asked: there the pictures differ in earnest. What
-    it drew nearly as asked is for the pictures to tell."""
+    it drew nearly as asked is for the pictures to tell, and passes that it doesn't make change nothing in them."""
     report = scene_report.report_of(scene)
     if report is None:
         return Unmatched([], [])
-    levels = (ERROR, WARNING), (APPROXIMATED,)
-    return Unmatched(*([scene_report.sentence(group) for group in report.of_level(*level)] for level in levels))
+    different, others, beside = [], [], []
+    for group in report.of_level(ERROR, WARNING, APPROXIMATED):
+        if is_beside_the_picture(group.kind, group.what):
+            beside.append(f"{scene_report.sentence(group)}. Cycles makes them, which takes it time")
+        else:
+            (others if group.level == APPROXIMATED else different).append(scene_report.sentence(group))
+    return Unmatched(different, others + beside)
 
 
 def changed(changes: list[Change]) -> list[tuple[str, str, str]]:

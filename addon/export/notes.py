@@ -21,7 +21,7 @@ PRINCIPLED_GLOSS = (
 )
 
 # Of datablocks, in the order of the report; "" is what holds for the scene as a whole.
-KINDS = ("", "view layer", "camera", "world", "light", "object", "material", "image", "library")
+KINDS = ("", "camera", "world", "light", "object", "material", "image", "library", "view layer")
 
 # A name as Python writes it: with an apostrophe in it, between double quotes.
 QUOTED = r"""(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")"""

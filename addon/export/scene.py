@@ -8,7 +8,7 @@ from collections.abc import Callable
 import bpy
 
 from ...engine import Mist, Scene
-from ..denoise import MISSING, is_missing
+from ..denoise import MISSING, is_missing, print_what_was_tried
 from ..passes import wanted_passes
 from .camera import border, export_camera, resolution
 from .faults import naming
@@ -114,3 +114,4 @@ def note_scene(render, notes: Notes) -> None:
 def note_denoising(scene, notes: Notes) -> None:
     if getattr(property_group(scene, "lobe"), "use_denoising", False) and is_missing():
         notes.warn_scene(MISSING)
+        print_what_was_tried()

@@ -17,6 +17,9 @@ CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; th
 CAUSTICS = "shadow caustics are not supported and left out"
 OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as the scene's bounces go"
 
+# How the notes of what is made beside the picture begin.
+AOVS, LIGHT_GROUPS, PASSES_NOT_MADE = "shader AOVs", "light groups", "these passes are not made"
+
 PASSES = ("use_pass_", "pass_", "denoising_store_passes")  # how the boxes of passes are called
 # What is no pass but the picture itself, a setting of one, and what Lobe makes.
 WISHES_GRANTED = {"use_pass_combined", "use_pass_cryptomatte_accurate", *(kind.box for kind in KINDS.values())}
@@ -107,12 +110,17 @@ def note_view_layer(view_layer, notes: Notes) -> None:
     if view_layer.samples:
         what = f"its own number of samples ({view_layer.samples}) is not supported, it gets the scene's"
         notes.warn("view layer", name, what)
-    if aovs := [aov.name for aov in view_layer.aovs]:
-        notes.warn("view layer", name, f"shader AOVs are not supported and left out: {', '.join(aovs)}")
-    if groups := [group.name for group in view_layer.lightgroups]:
-        notes.warn("view layer", name, f"light groups are not supported and left out: {', '.join(groups)}")
+    for what, named in ((AOVS, view_layer.aovs), (LIGHT_GROUPS, view_layer.lightgroups)):
+        if names := ", ".join(each.name for each in named):
+            mend = "to remove them, choose Cycles for the while"  # with Lobe their panels are hidden
+            notes.warn("view layer", name, f"{what} are not supported and left out: {names}; {mend}")
     if passes := ", ".join(box.text for box in passes_not_made(view_layer)):
-        notes.warn("view layer", name, f"these passes are not made: {passes}; untick them under View Layer > Passes")
+        notes.warn("view layer", name, f"{PASSES_NOT_MADE}: {passes}; untick them under View Layer > Passes")
+
+
+def is_beside_the_picture(kind: str, what: str) -> bool:
+    """Whether a note is of a wish for pictures beside Combined, which itself is as without the wish."""
+    return kind == "view layer" and what.startswith((AOVS, LIGHT_GROUPS, PASSES_NOT_MADE))
 
 
 class Box(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .. import precompile
-from ..denoise import MISSING, is_missing
+from ..denoise import MISSING, UNUSABLE, is_missing
 from .panel import LobePanel
 from .presets import draw_presets
 from .text import draw_text
@@ -63,8 +63,11 @@ class LOBE_RENDER_PT_sampling_render_denoise(_Panel, bpy.types.Panel):
         self.layout.prop(context.scene.lobe, "use_denoising", text="")
 
     def draw(self, context):
-        if is_missing():
+        if is_missing() and context.scene.lobe.use_denoising:
             draw_text(self.layout, context, MISSING, "ERROR")
+        elif is_missing():
+            self.layout.active = False
+            draw_text(self.layout, context, UNUSABLE)
         else:
             draw_text(self.layout, context, "With OpenImageDenoise, at the end of the render")
 

@@ -197,7 +197,7 @@ def _draw_groups(layout, context, report: scene_report.Report, groups: list[Grou
         row = column.column() if narrow else column.row()
         icon = LEVEL_ICONS.get(group.level) or ICONS[group.kind]
         text = group.what[:1].upper() + group.what[1:]
-        if group.kind in ("view layer", "world", "library"):
+        if len(group.names) == 1 or group.kind in ("view layer", "world", "library"):
             text = f"{', '.join(group.names)}: {group.what}"
         draw_text(row, context, text, icon, BUTTON_WIDTH if has_button and not narrow else 0)
         if has_button:

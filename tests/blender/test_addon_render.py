@@ -185,6 +185,21 @@ def test_report(simple_scene, fake, report) -> None:
     assert report["skipped"] == [] and report["rejected"] == 0 and not report["stopped"]
 
 
+def test_a_warning_of_several_materials_is_told_once(simple_scene, fake, session, report, monkeypatch) -> None:
+    """As in the scene report: for the command line too."""
+    original = session.lobe.render
+
+    def render(*arguments, **options):
+        result = original(*arguments, **options)
+        result.warnings = ["material 'Pane': not supported", "object 'Ink': left out", "material 'Jar': not supported"]
+        return result
+
+    monkeypatch.setattr(session.lobe, "render", render)
+    bpy.ops.mesh.primitive_plane_add()
+    told = blender_render.render(simple_scene)["warnings"]
+    assert told == report["warnings"] == ["object 'Ink': left out", "material 'Pane', 'Jar': not supported"]
+
+
 def test_rejected_samples_are_told_once(simple_scene, fake, session, report, monkeypatch, capfd) -> None:
     original = session.lobe.render
     sentence = "7 samples were not finite numbers and were left out"

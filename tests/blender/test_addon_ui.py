@@ -142,17 +142,23 @@ def test_panels_hide_from_other_engines(classes) -> None:
     assert not any(c.poll(context) for c in classes)
 
 
-def test_denoise_says_where_there_is_no_library(classes, monkeypatch, capfd) -> None:
-    """Looked for once, however often the panel is drawn."""
+@pytest.mark.parametrize("ticked", [True, False])
+def test_denoise_says_where_there_is_no_library(classes, monkeypatch, capfd, ticked: bool) -> None:
+    """A warning where it was asked for. Looked for once, however often the panel is drawn, and not a word on the
+    console."""
     module, tried = sys.modules[f"{MODULE}.addon.denoise"], []
     panel = find(classes, "LOBE_RENDER_PT_sampling_render_denoise")
     monkeypatch.setattr(module, "_candidates", lambda: tried.append(1) or ["no_such_library.so"])
     for cached in (module._library, module.is_missing):
         cached.cache_clear()
+    context, layout = fake_context(), Layout()
+    context.scene.lobe.use_denoising = ticked
     for _ in range(3):
-        draw(panel, fake_context())
-        assert "is rendered without denoising" in texts(panel, fake_context())
-    assert len(tried) == 1 and "no_such_library.so" in capfd.readouterr().out
+        text = "is rendered without denoising" if ticked else "this Blender lacks OpenImageDenoise"
+        assert text in texts(panel, context)
+    panel.draw(SimpleNamespace(layout=layout), context)
+    assert ("ERROR" in layout.icons) == ticked
+    assert len(tried) == 1 and "no_such_library.so" not in capfd.readouterr().out
     monkeypatch.undo()
     for cached in (module._library, module.is_missing):
         cached.cache_clear()
@@ -306,8 +312,8 @@ def test_the_scene_report(classes) -> None:
     shown = texts(panel, context)
     assert shown.startswith("2 ") and "as of the last render" in shown
     assert shown.count("Bump is not drawn") == 1 and "World: volumes are not drawn" in shown
-    assert shown.index("Drawn nearly as asked") < shown.index("It has no material")
-    assert "no faces" not in shown and skipped.poll(context) and "It has no faces" in texts(skipped, context)
+    assert shown.index("Drawn nearly as asked") < shown.index("Bare: it has no material")
+    assert "no faces" not in shown and skipped.poll(context) and "Empty: it has no faces" in texts(skipped, context)
 
 
 @pytest.mark.parametrize(
@@ -537,6 +543,21 @@ def test_use_phong_says_what_it_replaces(capfd, kind: str, lost: str) -> None:
     lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("Warning")]
     assert len(lines) == bool(lost)
     assert all("(Undo brings it back)" in line and lost in line and "volumes" not in line for line in lines)
+
+
+def test_use_phong_leaves_a_volume_alone_in_clear_air() -> None:
+    """Its surface would otherwise hide the volume from Cycles."""
+    material, volume = new_material("M", "ShaderNodeVolumeScatter")
+    tree = material.node_tree
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.clear()
+    tree.links.new(volume.outputs[0], output.inputs["Volume"])
+    with bpy.context.temp_override(material=material):
+        assert bpy.ops.lobe.use_phong() == {"FINISHED"}
+    sides = {link.from_node.bl_idname: link.from_node for link in tree.links if link.to_node.type == "ADD_SHADER"}
+    assert output.inputs["Surface"].links[0].from_node.type == "ADD_SHADER"
+    assert tuple(sides["ShaderNodeBsdfTransparent"].inputs["Color"].default_value) == (1.0, 1.0, 1.0, 1.0)
+    assert max(sides["ShaderNodeGroup"].inputs["kd"].default_value[:3]) == 0.0
 
 
 def test_undo_takes_use_phong_back() -> None:

@@ -278,6 +278,23 @@ def test_ticked_passes_are_listed_and_stay(scene) -> None:
     assert scene.view_layers[0].use_pass_mist and line in compare.html(operators.outcome_of(scene))
 
 
+def test_passes_that_lobe_does_not_make_are_no_reason_for_a_difference(scene) -> None:
+    """A number of samples of the view layer's own is one: Cycles takes that many."""
+    layer = scene.view_layers[0]
+    layer.use_pass_cryptomatte_object = True
+    layer.aovs.add().name = "Dirt"
+    layer.lightgroups.add(name="Key")
+    bpy.ops.lobe.check_scene()
+    found = compare.run.matching.not_drawn(scene)
+    assert found.different == [] and len(found.others) == 3
+    for line, name in zip(sorted(found.others), ("Key", "Dirt", "Cryptomatte Object"), strict=True):
+        assert name in line and line.endswith("Cycles makes them, which takes it time")
+    layer.samples = 7
+    bpy.ops.lobe.check_scene()
+    (line,) = compare.run.matching.not_drawn(scene).different
+    assert "its own number of samples (7)" in line
+
+
 @pytest.fixture
 def phong(scene):
     group = sys.modules[f"{MODULE}.addon.phong_group"].phong_group()

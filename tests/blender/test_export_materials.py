@@ -16,6 +16,7 @@ from bl_ext.user_default.lobe.engine import memory
 
 from tests.blender.export_checks import add_camera, add_object, cycles_picture, depsgraph, new_material, plane_mesh
 
+AVERAGE = "is drawn in its average colour: textures are not supported yet"
 DARKER = f"material 'M': {DARKER_EDGES}"
 
 
@@ -281,6 +282,43 @@ def test_normal_maps_volumes_and_displacement_are_named():
     ]
 
 
+def volume_material():
+    """Thin air in Volume, nothing in Surface."""
+    material, volume = new_material("M", "ShaderNodeVolumeScatter", Density=0.0)
+    tree = material.node_tree
+    tree.links.clear()
+    tree.links.new(volume.outputs[0], output_of(material).inputs["Volume"])
+    return material
+
+
+@pytest.mark.parametrize("muted", [False, True])
+def test_a_volume_alone_has_no_surface(muted: bool):
+    """A muted volume shader is none: then the surface is black, as where nothing is linked at all."""
+    material = volume_material()
+    material.node_tree.nodes["Volume Scatter"].mute = muted
+    expected = engine.Material("M") if muted else engine.Material("M", transparency=(1.0, 1.0, 1.0))
+    said = [] if muted else ["material 'M': volumes are not supported and left out"]
+    assert exported(material) == (expected, said)
+
+
+@pytest.mark.parametrize("muted", [False, True])
+def test_a_volume_alone_lets_as_much_light_through_as_in_cycles(tmp_path, muted: bool):
+    """To the camera, which looks at a sunlit floor through it, and in shadows, also where the material asks for opaque
+    ones."""
+    material = volume_material()
+    material.use_transparent_shadow = False
+    material.node_tree.nodes["Volume Scatter"].mute = muted
+    bpy.ops.mesh.primitive_cube_add(size=4.0)
+    bpy.context.object.data.materials.append(material)
+    floor = plane_mesh(100.0)
+    floor.materials.append(new_material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.5, 0.5, 0.5, 1))[0])
+    add_object("Floor", floor, (0, 0, -2.1))
+    add_object("Sun", bpy.data.lights.new("Sun", "SUN")).data.energy = np.pi
+    add_camera(angle=0.1)
+    found = next(m for m in export_scene(depsgraph()).materials if m.name == "M")
+    assert cycles_picture(16, 16, 16, tmp_path).mean() / 0.5 == pytest.approx(found.transparency[0], abs=1e-3)
+
+
 def test_empty_trees_are_black():
     material, _ = new_material("M", "ShaderNodeBsdfDiffuse")
     material.node_tree.links.clear()
@@ -365,7 +403,7 @@ def test_textures_are_drawn_in_their_average_colour(tmp_path):
     material.node_tree.links.new(texture.outputs["Color"], diffuse.inputs["Color"])
     result, warnings = exported(material)
     assert result.kd == pytest.approx((0.5, 0.25, 0), abs=1e-3)
-    assert warnings == ["material 'M': image 'Half' is not mapped, its average colour is drawn"]
+    assert warnings == [f"material 'M': image 'Half' {AVERAGE}"]
 
 
 def see_through(alpha_mode: str, outputs):
@@ -399,7 +437,7 @@ def test_alpha_counts_as_in_cycles(alpha_mode, outputs, tmp_path):
     darkened = outputs == ("Color",) and alpha_mode in ("STRAIGHT", "PREMUL")
     if "Color" not in outputs or alpha_mode in ("STRAIGHT", "PREMUL"):  # Else what is clear counts in Cycles' average.
         assert scene.materials[1].emission == pytest.approx(list(expected), abs=2e-3)
-    assert scene.warnings == ["material 'M': image 'Half' is not mapped, its average colour is drawn"] + darkened * [
+    assert scene.warnings == [f"material 'M': image 'Half' {AVERAGE}"] + darkened * [
         "material 'M': image 'Half' has alpha that is not linked: its colour is drawn times its average alpha"
     ]
 
@@ -439,7 +477,7 @@ def test_an_average_is_read_in_strips_and_takes_little_memory(suffix, kind, chan
     assert np.array_equal(np.concatenate([strip.color for strip in reversed(strips)]), whole.color)
     result, warnings = exported(material)
     assert result.kd == pytest.approx(expected, rel=1e-5)
-    assert warnings[0] == f"material 'M': image 'wall.{suffix}' is not mapped, its average colour is drawn"
+    assert warnings[0] == f"material 'M': image 'wall.{suffix}' {AVERAGE}"
 
 
 @pytest.mark.parametrize("is_float", [False, True])

@@ -196,10 +196,10 @@ NAMED = {
     "passes": (put(layer, use_pass_vector=True), "these passes are not made: Vector;", "WARNING"),
     "Cycles' passes": (
         cycles(layer, denoising_store_passes=True), "not made: Store Denoising Passes (Cycles);", "WARNING"),
-    "AOVs": (lambda: setattr(layer().aovs.add(), "name", "Dirt"), "shader AOVs are not supported and left out: Dirt",
-             "WARNING"),
-    "light groups": (lambda: layer().lightgroups.add(name="Key"), "light groups are not supported and left out: Key",
-                     "WARNING"),
+    "AOVs": (lambda: setattr(layer().aovs.add(), "name", "Dirt"),
+             "shader AOVs are not supported and left out: Dirt; to remove them, choose Cycles", "WARNING"),
+    "light groups": (lambda: layer().lightgroups.add(name="Key"),
+                     "light groups are not supported and left out: Key; to remove them, choose Cycles", "WARNING"),
     "samples of a view layer": (put(layer, samples=7), "its own number of samples (7)", "WARNING"),
     "shadow catcher": (put(plane, is_shadow_catcher=True), "shadow catchers are not supported", "WARNING"),
     "light linking": (None, "light linking is not supported", "WARNING"),
@@ -686,9 +686,18 @@ def test_equal_notes_are_counted_once(scene, checked) -> None:
 def test_names_of_images_do_not_keep_notes_apart(part) -> None:
     notes = part("export").Notes()
     for name in ("a.png", "b.png"):
-        notes.warn("material", name, f"image '{name}' is not mapped, its average colour is drawn")
+        notes.warn("material", name, f"image '{name}' is drawn in its average colour: textures are not supported yet")
     (group,) = part("export").grouped(notes.all)
-    assert group.what == "image '...' is not mapped, its average colour is drawn" and len(group.names) == 2
+    assert group.what == "image '...' is drawn in its average colour: textures are not supported yet"
+    assert len(group.names) == 2
+
+
+def test_what_changes_no_pixel_of_the_picture_comes_last_of_its_level(part) -> None:
+    notes = part("export").Notes()
+    notes.warn("view layer", "Layer", "these passes are not made: Vector")
+    notes.warn("material", "Pane", "Glass BSDF is not supported")
+    notes.warn_scene("fast GI is not supported")
+    assert [group.kind for group in part("export").grouped(notes.all)] == ["", "material", "view layer"]
 
 
 def test_a_render_fills_the_list_too(scene, part, rendered) -> None:

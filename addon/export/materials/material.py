@@ -110,9 +110,15 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
         return Material(name)
     if output.target == "EEVEE":
         note("its output is for EEVEE only: drawn here, black in Cycles")
-    _note_linked(output, "Volume", "volumes are not supported and left out", note)
-    _note_linked(output, "Displacement", "displacement is not supported, the surface stays as it is", note)
+    has_volume = _is_linked(output, "Volume")
+    if has_volume:
+        note("volumes are not supported and left out")
+    if _is_linked(output, "Displacement"):
+        note("displacement is not supported, the surface stays as it is")
 
+    if has_volume and not _is_linked(output, "Surface"):  # Without a volume Cycles draws it black.
+        note_material(material, False, notes)
+        return Material(name, transparency=(1.0, 1.0, 1.0))
     if is_hole(output):
         note_material(material, False, notes)
         return Material(name, holdout=True)
@@ -162,7 +168,7 @@ def average_color(slot: Slot, images: Images, note) -> np.ndarray:
         note(f"{why}, drawn magenta")
         mean = np.array([*MISSING, 1.0])
     else:
-        note(f"image {image.name!r} is not mapped, its average colour is drawn")
+        note(f"image {image.name!r} is drawn in its average colour: textures are not supported yet")
     color, alpha = mean[:3], mean[3:]
     if mean[3] < 1.0 and image.alpha_mode == "NONE":
         alpha = np.ones(1)
@@ -183,10 +189,10 @@ def darkened_by_alpha(node) -> bool:
     return from_file or not image.is_float  # Blender holds floats multiplied already.
 
 
-def _note_linked(output, name: str, sentence: str, note) -> None:
+def _is_linked(output, name: str) -> bool:
+    """Whether a node feeds that input of the output node; what ends at a muted node or a reroute doesn't."""
     socket = find_input(output, name)
-    if socket is not None and source(Slot(socket)).socket.is_output:
-        note(sentence)
+    return socket is not None and source(Slot(socket)).socket.is_output
 
 
 def rgb(color: np.ndarray) -> tuple[float, float, float]:
