@@ -174,7 +174,7 @@ TOLD = {
     "diffuse_bounces": ("how many of the bounces", "fewer take less time"),
     "glossy_bounces": ("how many of the bounces", "fewer take less time"),
     "clamp_direct": (r"each contribution.*in w/\(m² sr\)", "costs no time"),
-    "clamp_indirect": (r"each contribution.*in w/\(m² sr\)", "costs no time"),
+    "clamp_indirect": (r"each contribution.*in w/\(m² sr\)", "costs no time.*preset without bright specks"),
     "hemisphere_sampling": (None, "the noise is not.*twice the noise.*slower"),
     "lobe_selection": (None, "the noise is not.*less noise"),
     "pixel_filter": (None, "costs no time"),
