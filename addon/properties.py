@@ -132,7 +132,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     clamp_indirect: FloatProperty(
         name="Indirect Light",
         description="Upper limit of each contribution of indirect light to a path in W/(m² sr), as the mean of its "
-        "channels. Removes bright specks and darkens the picture: 0 is off, and unbiased. Costs no time",
+        "channels. Removes bright specks and darkens the picture: 0 is off, and unbiased. Costs no time. The preset "
+        "Without Bright Specks sets it to 10",
         soft_max=100,
         **_limits("clamp_indirect"),
     )

@@ -11,6 +11,8 @@ from .scene_report import note_from_sentence
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
 last_report: dict = {}
 
+LONG_COMPILE = 5.0  # seconds: a kernel from the disk cache is there before that
+
 REJECTED = (
     "samples that are not finite come from a light or an emission too strong to calculate with. Where there is none, "
     "this is a bug in Lobe"
@@ -91,8 +93,10 @@ def publish(report: dict, engine) -> None:
 
 
 def summary(report: dict) -> str:
+    """One line. Compiling, which happens once, is told apart: else it would be taken for Lobe's speed."""
     seconds = report["seconds"]
-    text = f"Lobe: {report['samples']:.0f} samples in {seconds['total']:.2f} s"
+    compiling = seconds["compile"] if seconds["compile"] > LONG_COMPILE else 0.0
+    text = f"Lobe: {report['samples']:.0f} samples in {seconds['total'] - compiling:.2f} s"
     if seconds["render"] > 0.0:
         text += f", {report['rays'] / 1e6 / seconds['render']:.1f} million rays per second"
-    return text
+    return f"{text} (and {compiling:.0f} s of compiling, once)" if compiling else text

@@ -16,7 +16,7 @@ from pathlib import Path
 import common
 
 from tools.lobe_blender import SetupError
-from tools.package import OFFERED, PLATFORMS, build_package
+from tools.package import PLATFORMS, build_package
 
 OWN, WHOLE = "Lobe itself", "the whole zip"
 WHEELS = "wheels/"
@@ -61,7 +61,7 @@ def unpacked(wheel: bytes) -> int:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=common.ROOT / "out", help="of the zips; default: out")
-    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=OFFERED)
+    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=list(PLATFORMS))
     common.add_results(parser)
     return parser.parse_args(arguments)
 

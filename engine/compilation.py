@@ -17,7 +17,6 @@ from .result import Doing
 
 PREPARING = Doing("preparing")
 ONCE = "(once for each kind of scene)"
-ANNOUNCE_SECONDS = 2.0  # Numba and a kernel from the disk cache are there before that
 
 
 class Compilation:
@@ -61,6 +60,6 @@ def _file(function: Any) -> str:
     return function._cache._cache_file._index_path
 
 
-def loading(seconds: float) -> Doing:
-    """What to say of functions for C to call, of which Numba doesn't tell whether they are kept."""
-    return Doing(f"loading or compiling, {seconds:.0f} s") if seconds > ANNOUNCE_SECONDS else PREPARING
+def loading(is_kept: bool, seconds: float) -> Doing:
+    """What to say of functions for C to call, after so many seconds: there are two, not worth counting."""
+    return PREPARING if is_kept else Doing(f"compiling, {seconds:.0f} s (once)")

@@ -310,9 +310,8 @@ def _seen_first(features: Features) -> Features:
 def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[float], Doing], Callable]]:
     """What loads or compiles the functions that packing the scene needs, each after what to say meanwhile. halt: see
     `get_kernel`."""
-    yield loading, build_monitor
-    if scene.lights:
-        yield loading, lamp_filter
+    for make in (build_monitor, lamp_filter) if scene.lights else (build_monitor,):
+        yield partial(loading, elsewhere.is_marked(_callback(make), _cache())), partial(_get_callback, make)
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
         yield Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache())), partial(_get_builder, halt)
 
@@ -386,6 +385,16 @@ def get_kernel(packed: Packed, settings: Settings, halt: np.ndarray) -> None:
     compiles it; in this one a compilation runs to its end."""
     elsewhere.compiled(_name(packed), _cache(), lambda: bool(halt[0]))
     load_kernel(packed, settings)
+
+
+def _callback(make: Callable) -> dict[str, Any]:
+    return {"callback": make.__name__}
+
+
+def _get_callback(make: Callable) -> None:
+    """Have a function for C to call ready, and in the disk cache."""
+    make()
+    elsewhere.mark(_callback(make), _cache())
 
 
 def _get_builder(halt: np.ndarray) -> None:
@@ -469,8 +478,8 @@ def precompile_common(progress: Callable[[int, int], None]) -> None:
         mesh_lit._replace(phong=1, smooth=1, world=CONSTANT_WORLD),
         Features(**EVERYTHING, transparent_film=1),
     )
-    build_monitor()
-    lamp_filter()
+    _get_callback(build_monitor)
+    _get_callback(lamp_filter)
     packed = pack(Scene(camera=Camera()), Settings())
     for done, features in enumerate(common):
         progress(done, len(common))

@@ -7,10 +7,11 @@ from functools import cache
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 import scenes
 
-from engine import Interactive, Progress, Settings, compilation, render, schedule
+from engine import Interactive, PointLight, Progress, Settings, compilation, render, schedule
 from engine.compilation import ONCE, PREPARING, Compilation, functions_of
 from engine.kernels.tile import make_tile_kernel
 from engine.pack import pack
@@ -150,9 +151,15 @@ def test_a_viewport_says_how_far_its_compilation_is(slow):
     assert any(text.endswith(ONCE) and " functions, " in text for text in said) and interactive.message == ""
 
 
-def test_what_may_be_compiled_unseen_says_so():
-    assert compilation.loading(1.0) == PREPARING
-    assert compilation.loading(99.0) == Doing("loading or compiling, 99 s")
+def test_functions_for_c_are_compiled_once(monkeypatch, tmp_path: Path):
+    """The first of all: that it is a compilation is said from its beginning on."""
+    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    scene = scenes.lit_plate([PointLight("lamp", scenes.place((0, 0, 1)), intensity=(1.0, 1.0, 1.0))])
+    for said in (Doing("compiling, 12 s (once)"), PREPARING):
+        needed = list(schedule.small_functions(scene, np.zeros(1, np.uint8)))
+        assert [doing(12.3) for doing, _ in needed] == [said, said]
+        for _, load in needed:
+            load()
 
 
 def test_common_kernels_are_counted(monkeypatch, tmp_path: Path):
@@ -178,7 +185,7 @@ def test_common_kernels_that_fail_are_not_marked(monkeypatch, tmp_path: Path):
     monkeypatch.setattr(schedule, "load_kernel", fail)
     with pytest.raises(MemoryError):
         schedule.precompile_common(lambda *_: None)
-    assert not list(tmp_path.glob("*.compiled"))
+    assert not schedule.elsewhere.is_marked(schedule.COMMON, tmp_path)
 
 
 def test_without_a_cache_nothing_is_compiled_for_it(monkeypatch):

@@ -99,7 +99,7 @@ def test_where_the_process_fails_the_kernel_is_compiled_here(command: list[str],
         render(Scene(camera=Camera(), width=4, height=4), Settings(samples=1))
     finally:
         elsewhere.compile_elsewhere(())
-    assert len(list(tmp_path.glob("*.compiled"))) == 1
+    assert len(list(tmp_path.glob("*.compiled"))) == 2  # and what Embree calls, which is always compiled here
 
 
 def test_where_the_process_crashes_the_kernel_is_not_compiled_here(tmp_path: Path, monkeypatch) -> None:
@@ -118,7 +118,7 @@ def test_where_the_process_crashes_the_kernel_is_not_compiled_here(tmp_path: Pat
             assert repr(binding.get_host_cpu_name()) in str(error.value)
     finally:
         elsewhere.compile_elsewhere(())
-    assert not list(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) == 1  # of what Embree calls, which was compiled before
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_a_render_marks_the_kernel_by_the_name_that_compiles_it(tmp_path: Path, 
     monkeypatch.setattr(elsewhere, "mark", lambda kernel, folder: names.append(kernel))
     monkeypatch.setattr(elsewhere, "compiled", lambda kernel, folder, stop: names.append(kernel))
     render(Scene(camera=Camera(), width=4, height=4), Settings(samples=1, passes=("DEPTH",)))
-    asked, marked = names
+    asked, marked = (name for name in names if "features" in name)
     schedule.precompile_one(asked)
     assert asked == marked == names[-1]
     assert asked["first_hits"] and not jit.lost_cache()

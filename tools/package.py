@@ -29,14 +29,12 @@ except ImportError:  # run as a script
 
 PACKED = ("embreex", "llvmlite", "numba", "OpenImageIO")
 PYTHONS = ("3.11", "3.13")  # of Blender 4.2 to 5.0, and from 5.1 on (Debian's 4.3 has the newer one, too)
-OFFERED = ("linux-x64", "windows-x64", "macos-arm64")
 
 # Blender's name of a platform -> the tags of the wheels that run there, the oldest system that Blender supports last.
 PLATFORMS = {
     "linux-x64": [f"manylinux_2_{minor}_x86_64" for minor in range(28, 16, -1)] + ["manylinux2014_x86_64"],
-    "macos-arm64": [f"macosx_{major}_0_arm64" for major in range(14, 10, -1)],
-    "macos-x64": [f"macosx_{major}_0_x86_64" for major in range(12, 10, -1)] + ["macosx_10_15_x86_64"],
     "windows-x64": ["win_amd64"],
+    "macos-arm64": [f"macosx_{major}_0_arm64" for major in range(14, 10, -1)],
 }
 
 
@@ -115,11 +113,12 @@ def this_platform() -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Build the extension with its wheels, a zip for each platform.")
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder of the zips (default: out)")
-    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=OFFERED)
+    parser.add_argument("--platform", nargs="+", choices=PLATFORMS, default=list(PLATFORMS), help="default: all")
     parser.add_argument("--python", nargs="+", default=PYTHONS, help=f"default: {' '.join(PYTHONS)}")
     parser.add_argument("--wheels", type=Path, help="folder that keeps downloaded wheels")
     arguments = parser.parse_args()
     for target in arguments.platform:
+        print(f"{target}: fetching its wheels where they are not kept yet, then packing them", flush=True)
         package = build_package(arguments.output, target, arguments.python, arguments.wheels)
         print(f"Wrote {package} ({package.stat().st_size / 1e6:.0f} MB, valid)", flush=True)
 

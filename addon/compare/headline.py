@@ -72,7 +72,8 @@ def _apart(found: Figures) -> list[str]:
         apart.append(f"in the mean by {mean:+.2%} ± {margin:.2%}")
     least = max(SEEN**2, OF_PIXELS * found.difference_error)
     if found.difference > least and not found.difference < OF_NOISE * found.noise_lobe:  # which may be unknown
-        apart.append(f"in the pixels by {math.sqrt(found.difference):.1%} beyond the noise")
+        squared = f"{found.difference:.1e}"  # as it stands among the figures
+        apart.append(f"in the pixels by {math.sqrt(found.difference):.1%} (root of relMSE {squared}) beyond the noise")
     return apart
 
 

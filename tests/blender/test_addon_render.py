@@ -241,6 +241,18 @@ def test_metadata_in_the_file(simple_scene, fake, rendered, tmp_path) -> None:
     assert spec.get_string_attribute("lobe.road") == "compiled"
 
 
+def test_the_last_line_tells_compiling_apart(session) -> None:
+    """Loading a kernel is part of the render's time."""
+    told = importlib.import_module(f"{MODULE}.addon.report")
+    data = told.start_report(is_preview=True)
+    data |= {"samples": 128.0, "rays": 20_000_000}
+    data["seconds"] |= {"build": 1.0, "compile": 0.5, "render": 10.0, "total": 12.0}
+    assert told.summary(data) == "Lobe: 128 samples in 12.00 s, 2.0 million rays per second"
+    data["seconds"] |= {"compile": 77.6, "total": 89.1}
+    expected = "Lobe: 128 samples in 11.50 s, 2.0 million rays per second (and 78 s of compiling, once)"
+    assert told.summary(data) == expected
+
+
 # --- progress ---------------------------------------------------------------------------------------------------
 
 COMPILING = engine.Progress(0, 4, 9.0, None, "compiling: 3 of 4 functions, 1 s", lambda: None, (3, 4))

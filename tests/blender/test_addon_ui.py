@@ -180,7 +180,7 @@ TOLD = {
     "diffuse_bounces": ("how many of the bounces", "fewer take less time"),
     "glossy_bounces": ("how many of the bounces", "fewer take less time"),
     "clamp_direct": (r"each contribution.*in w/\(m² sr\)", "costs no time"),
-    "clamp_indirect": (r"each contribution.*in w/\(m² sr\)", "costs no time"),
+    "clamp_indirect": (r"each contribution.*in w/\(m² sr\)", "costs no time.*preset without bright specks"),
     "hemisphere_sampling": (None, "the noise is not.*twice the noise.*slower"),
     "lobe_selection": (None, "the noise is not.*less noise"),
     "pixel_filter": (None, "costs no time"),
@@ -621,11 +621,11 @@ def another(owner, key: str):
     return not rna.default if rna.type == "BOOLEAN" else rna.default + (0.25 if rna.type == "FLOAT" else 3)
 
 
-# The first of each holds the defaults.
+# In the menu's order, by name.
 PRESETS = {
-    "sampling": ["Normal", "Draft", "Final", "Until_Clean"],
-    "viewport_sampling": ["Normal", "Draft", "Fine"],
-    "light_paths": ["Default", "Direct_Light_Only", "Bright_Closed_Rooms", "Without_Bright_Specks", "Same_as_Cycles"],
+    "sampling": ["Default", "Draft", "Final", "Until_Clean"],
+    "viewport_sampling": ["Default", "Draft", "Fine"],
+    "light_paths": ["Bright_Closed_Rooms", "Default", "Direct_Light_Only", "Same_as_Cycles", "Without_Bright_Specks"],
     "performance": ["Default", "Faster_Animation"],
 }
 
@@ -648,9 +648,17 @@ def test_presets(kind: str) -> None:
         for value in values:
             setattr(*of_preset(value), another(*of_preset(value)))
         assert bpy.ops.script.execute_preset(filepath=str(files[name]), menu_idname=menu) == {"FINISHED"}
-        if name == PRESETS[kind][0]:
+        if name == "Default":
             for owner, key in map(of_preset, values):
                 assert getattr(owner, key) == pytest.approx(owner.bl_rna.properties[key].default), key
+
+
+def test_the_settings_page_lists_the_presets(repository: Path) -> None:
+    """Panel by panel, in the menu's order."""
+    page = (repository / "docs" / "settings.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| \*[^|]+\* \| (.+) \|$", page.partition("## Presets")[2].partition("\n## ")[0], re.MULTILINE)
+    listed = [re.findall(r"\*([^*]+)\* *(?:\(|,|$)", row) for row in rows]
+    assert listed == [[name.replace("_", " ") for name in names] for names in PRESETS.values()]
 
 
 def test_presets_of_performance_leave_the_threads_alone() -> None:
