@@ -20,9 +20,13 @@ ONCE = "(once for each kind of scene)"
 
 
 class Compilation:
-    """What to say while these kernels are compiled, in this process or in another, or loaded if they are kept."""
+    """What to say while these kernels are compiled, in this process or in another, or loaded if they are kept.
 
-    def __init__(self, kernels: Sequence[Dispatcher], is_kept: bool):
+    what  the compilation is of and how often there is one, where it isn't the scene's own kernel
+    """
+
+    def __init__(self, kernels: Sequence[Dispatcher], is_kept: bool, what: tuple[str, str] = ("compiling", ONCE)):
+        self._what, self._once = what
         if is_kept or all(kernel.signatures for kernel in kernels):  # the second: here, where nothing can be kept
             kernels = ()
         functions = functions_of(kernels)
@@ -37,7 +41,8 @@ class Compilation:
             return PREPARING
         self._left = [path for path in self._left if not os.path.exists(path)]
         done = self._total - self._kernels - len(self._left)
-        return Doing(f"compiling: {done} of {self._total} functions, {seconds:.0f} s {ONCE}", (done, self._total))
+        message = f"{self._what}: {done} of {self._total} functions, {seconds:.0f} s {self._once}"
+        return Doing(message, (done, self._total))
 
 
 def functions_of(kernels: Iterable[Dispatcher]) -> set[Dispatcher]:

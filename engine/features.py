@@ -57,7 +57,7 @@ class Features(NamedTuple):
 _LEFT_OUT = {
     "phong": "Phong lobe: no surface has one",
     "smooth": "shading normals: every face is flat",
-    "instances": "instance transforms: no mesh is shared",
+    "instances": "instance transforms: every mesh is stored where it stands",
     "transparency": "transparent shadows: every surface is opaque",
     "mesh_emitters": "emissive surfaces: none",
     "rectangle_emitters": "emissive rectangles: none",

@@ -187,7 +187,9 @@ def _cost(sums):
         extent = sums[HIGH + i] - sums[LOW + i]
         diagonal_squared += extent * extent
     theta_o = sums[WIDEST_O]
-    if theta_o < math.pi:
+    if theta_o >= math.pi:
+        return sums[POWER_SUM] * diagonal_squared * 4 * math.pi
+    if sums[COUNT] > 1:
         x, y, z = sums[AXIS_SUM], sums[AXIS_SUM + 1], sums[AXIS_SUM + 2]
         # The spread of the axes from the length of their mean: the exact cone would take another pass.
         theta_o += math.acos(min(math.sqrt(x * x + y * y + z * z) / sums[COUNT], 1.0))
@@ -262,16 +264,18 @@ def _best_plane(scratch):
     the sums of the left and right sides."""
     _clear(scratch[2, BUCKETS])
     for i in range(BUCKETS - 1, 0, -1):
-        _add(scratch[2, BUCKETS], scratch[0, i])
+        if scratch[0, i, COUNT] > 0:
+            _add(scratch[2, BUCKETS], scratch[0, i])
         for word in range(SUMS):
             scratch[2, i, word] = scratch[2, BUCKETS, word]
     left = scratch[1, BUCKETS]
     _clear(left)
     best, bucket = math.inf, 1
     for i in range(1, BUCKETS):
+        if scratch[0, i - 1, COUNT] == 0:  # the plane before cut the same way
+            continue
         _add(left, scratch[0, i - 1])
-        same = scratch[0, i - 1, COUNT] == 0  # the plane before cut the same way
-        if left[COUNT] > 0 and scratch[2, i, COUNT] > 0 and not same:
+        if scratch[2, i, COUNT] > 0:
             cost = _cost(left) + _cost(scratch[2, i])
             if cost < best:
                 best, bucket = cost, i

@@ -32,6 +32,7 @@ ADVICE = (
     "close other programs, use fewer triangles (lower levels of subdivision, instances instead of copies) or smaller "
     "images, or set a lower resolution"
 )
+SMALL = 64_000_000  # bytes, not worth the question, which takes a millisecond: other programs come and go by more
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 OWN_GROUPS = Path("/proc/self/cgroup")
 MEMORY = Path("/proc/meminfo")
@@ -79,7 +80,10 @@ def _largest_first(need: dict[str, int]) -> dict[str, int]:
 
 def foresee(need: dict[str, int]) -> None:
     """Raises LobeError where there is certainly not so much memory."""
-    there, wanted = available(), sum(need.values())
+    wanted = sum(need.values())
+    if wanted <= SMALL:
+        return
+    there = available()
     if wanted <= there:
         return
     what, most = next(iter(need.items()))

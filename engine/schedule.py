@@ -50,6 +50,7 @@ POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 BUILDING = Doing("building")
 TREE_BUILDER = {"function": "builder of light trees"}  # in place of a `_name`
+BUILDER_ONCE = "compiling what sorts lights", "(once)"  # two counters in a row: each says what it counts
 COMMON = {"kernels": "of common scenes"}  # to mark that they are all there
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
@@ -313,7 +314,8 @@ def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[
     for make in (build_monitor, lamp_filter) if scene.lights else (build_monitor,):
         yield partial(loading, elsewhere.is_marked(_callback(make), _cache())), partial(_get_callback, make)
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
-        yield Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache())), partial(_get_builder, halt)
+        builder = Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache()), BUILDER_ONCE)
+        yield builder, partial(_get_builder, halt)
 
 
 def compiling(packed: Packed) -> Compilation:

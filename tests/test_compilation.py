@@ -74,6 +74,11 @@ def test_steps_are_the_functions_that_are_there(folder):
     assert doing(75.0) == Doing(f"compiling: 3 of 4 functions, 75 s {ONCE}", (3, 4))
 
 
+def test_a_compilation_of_its_own_says_what_it_is_of(folder):
+    doing = Compilation([make_kernel(first)], is_kept=False, what=("compiling what sorts lights", "(once)"))
+    assert doing(2.0) == Doing("compiling what sorts lights: 0 of 4 functions, 2 s (once)", (0, 4))
+
+
 def test_what_is_kept_or_here_is_not_compiled(folder):
     kernel = make_kernel(unused)
     assert Compilation([kernel], is_kept=True)(1.0) == PREPARING

@@ -137,11 +137,11 @@ class Placement:
 
     def _place_lamps(self, kinds: np.ndarray, matrices: np.ndarray) -> None:
         """kinds (items,): of each the lamp, or -1; matrices (items, 3, 4) float32."""
-        for number, item in enumerate(np.flatnonzero(kinds >= 0)):
+        placed = np.flatnonzero(kinds >= 0)
+        for number, matrix in enumerate(matrices[placed].astype(np.float64, order="C")):
             if number % ITEMS_A_CHECK == 0:
                 self._stop.check()
-            matrix = np.array(matrices[item], np.float64, order="C")
-            kind = self._lamp_kinds[kinds[item]]
+            kind = self._lamp_kinds[kinds[placed[number]]]
             with naming("light", kind.name):
                 light = export_light(kind, matrix, self._notes)
             if light is not None:

@@ -93,12 +93,13 @@ class KeptLayers:
 
     def of(self, depsgraph) -> Kept:
         """Of the one that is about to be exported: a new one unless its last export came to its end."""
-        changes = changes_of(depsgraph.updates)
         scene = depsgraph.scene
         there = {(uid_of(scene), layer.name) for layer in scene.view_layers}
         self._layers = {key: kept for key, kept in self._layers.items() if key in there}
-        for kept in self._layers.values():  # Blender has one graph for all of them, and says each change once
-            kept.hear(changes)
+        if self._layers:
+            changes = changes_of(depsgraph.updates)
+            for kept in self._layers.values():  # Blender has one graph for all of them, and says each change once
+                kept.hear(changes)
         return self._layers.pop((uid_of(scene), depsgraph.view_layer.name), None) or Kept()
 
     def keep(self, depsgraph, kept: Kept) -> None:

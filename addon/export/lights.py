@@ -25,6 +25,7 @@ from .materials.values import Evaluator
 from .notes import WARNING, Notes
 from .unsupported import note_light
 
+LIGHTING_RAYS = int(~Visibility.SHADOW)  # whoever is seen by none of them lights nothing
 SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
 
 
@@ -50,10 +51,10 @@ def lamp_kind(object_, visibility: Visibility, notes: Notes) -> LampKind | None:
         return None
     color = light_color(data, name, notes)
     strength = units.lamp_strength(data.energy, getattr(data, "exposure", 0.0))
-    if strength == 0.0 or not np.any(color):
+    if strength == 0.0 or not color.any():
         notes.skip("light", name, "its strength is zero")
         return None
-    if not visibility & ~Visibility.SHADOW:
+    if not int(visibility) & LIGHTING_RAYS:
         notes.skip("light", name, "it is hidden from every ray")
         return None
     note_light(data, name, notes)
@@ -110,7 +111,7 @@ def normalized(data) -> bool:
 
 
 def _rgb(color: np.ndarray, factor: float) -> tuple[float, float, float]:
-    return tuple(float(c) for c in color * factor)
+    return tuple((color * factor).tolist())
 
 
 def _sphere(data, color, strength: float) -> dict:

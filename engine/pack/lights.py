@@ -137,9 +137,9 @@ def camera_reach(camera: Camera) -> float:
 
 def _kinds_differ(scene: Scene) -> bool:
     """Whether diffuse and glossy rays have to be told apart, as something is hidden from either."""
-    both = Visibility.DIFFUSE | Visibility.GLOSSY
+    both = int(Visibility.DIFFUSE | Visibility.GLOSSY)
     placed = np.unique(scene.instances.visibility)
-    masks = [light.visibility for light in scene.lights] + [scene.world.visibility] + [int(v) for v in placed if v]
+    masks = {int(light.visibility) for light in scene.lights} | {int(scene.world.visibility), *placed[placed > 0]}
     return any(mask & both != both for mask in masks)
 
 

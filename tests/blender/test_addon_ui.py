@@ -16,6 +16,7 @@ from engine import Settings
 from engine.adaptive import MIN_SAMPLES
 from tools.lobe_blender import MODULE
 
+from .. import little_memory
 from .export_checks import new_material, node_tree
 
 
@@ -475,7 +476,7 @@ def test_files_of_images_are_averaged_on_a_thread(classes, textured, tmp_path, m
 def test_an_image_that_finds_no_memory_is_named_in_the_panel(classes, textured, monkeypatch) -> None:
     """One that only Blender has, and once: the timer ends. A file is read in strips."""
     module, memory = sys.modules[f"{MODULE}.addon.ui.understood"], sys.modules[f"{MODULE}.engine.memory"]
-    monkeypatch.setattr(memory, "available", lambda: 0.0)
+    little_memory.leave(monkeypatch, memory, 0.0)
     material, texture = textured
     panel, context = find(classes, "LOBE_MATERIAL_PT_understood"), fake_context(material=material)
     for packed in (False, True):

@@ -14,6 +14,7 @@ from bl_ext.user_default.lobe.addon.export.notes import PRINCIPLED_GLOSS
 from bl_ext.user_default.lobe.addon.phong_group import phong_group
 from bl_ext.user_default.lobe.engine import memory
 
+from tests import little_memory
 from tests.blender.export_checks import add_camera, add_object, cycles_picture, depsgraph, new_material, plane_mesh
 
 AVERAGE = "is drawn in its average colour: textures are not supported yet"
@@ -471,7 +472,7 @@ def test_an_average_is_read_in_strips_and_takes_little_memory(suffix, kind, chan
     expected = linear.mean(axis=(0, 1)) if channels == 3 else (linear * whole.alpha[..., None]).mean(axis=(0, 1))
 
     monkeypatch.setattr(images, "STRIP", 70 * 20)
-    monkeypatch.setattr(memory, "available", lambda: 0.0)
+    little_memory.leave(monkeypatch, memory, 0.0)
     strips = list(images.file_strips(path))
     assert [len(strip.color) for strip in strips] == ([16, 16, 16, 2] if tile else [20, 20, 10])
     assert np.array_equal(np.concatenate([strip.color for strip in reversed(strips)]), whole.color)
@@ -494,10 +495,10 @@ def test_an_average_of_what_blender_has_is_taken_in_strips(is_float, monkeypatch
     expected, _ = exported(material)
     monkeypatch.setattr(images, "STRIP", 70 * 20)
     assert [len(strip.color) for strip in images.datablock_strips(image)] == [20, 20, 10]
-    monkeypatch.setattr(memory, "available", lambda: 70.0 * 50 * 16)
+    little_memory.leave(monkeypatch, memory, 70.0 * 50 * 16)
     assert exported(material)[0].kd == pytest.approx(expected.kd, rel=1e-9)
 
-    monkeypatch.setattr(memory, "available", lambda: 70.0 * 50 * 16 - 1)
+    little_memory.leave(monkeypatch, memory, 70.0 * 50 * 16 - 1)
     result, warnings = exported(material)
     assert result.kd == (1.0, 0.0, 1.0)
     too_large = "needs more memory than can be had (as a file of its own it would need little)"

@@ -9,6 +9,7 @@ from bl_ext.user_default.lobe import engine
 from bl_ext.user_default.lobe.addon.export import export_scene, images
 from bl_ext.user_default.lobe.engine import memory
 
+from tests import little_memory
 from tests.blender.export_checks import add_camera, cycles_picture, depsgraph, node_tree
 
 WIDTH, HEIGHT = 32, 16
@@ -221,7 +222,7 @@ def test_what_is_no_environment_counts_with_its_average(space, suffix, packed, t
     node.projection = "MIRROR_BALL"
     monkeypatch.setattr(images, "STRIP", 64 * 5)
     for room in (1e9, 0.0):
-        monkeypatch.setattr(memory, "available", lambda room=room: room)
+        little_memory.leave(monkeypatch, memory, room)
         scene = export_scene(depsgraph())
         if room or not packed:
             remark = "is not an equirectangular environment, its average colour is drawn"
@@ -319,9 +320,9 @@ def test_an_image_that_finds_no_memory_is_not_read(suffix, type_, channels, byte
     add_environment(tree, background, image)
     add_camera()
     need = float(bytes_a_pixel * 64 * 32)
-    monkeypatch.setattr(memory, "available", lambda: need)
+    little_memory.leave(monkeypatch, memory, need)
     assert export_scene(depsgraph()).world.image.shape == (32, 64, 3)
-    monkeypatch.setattr(memory, "available", lambda: need - 1)
+    little_memory.leave(monkeypatch, memory, need - 1)
     with pytest.raises(engine.LobeError) as caught:
         export_scene(depsgraph())
     named = f"image {image.name!r} of 64 x 32 pixels"

@@ -20,6 +20,7 @@ from bl_ext.user_default.lobe.addon.export import instances, kept
 from bl_ext.user_default.lobe.addon.export import scene as export
 from bl_ext.user_default.lobe.addon.export.materials import material as materials
 
+from tests import little_memory
 from tests.blender.export_checks import add_object, new_material, plane_mesh
 from tools.lobe_blender import MODULE, install
 
@@ -257,7 +258,7 @@ def test_a_defect_in_the_engine_leaves_the_next_render_whole(scene, rendered, ph
 def test_memory_that_is_foreseen_to_be_short(scene, monkeypatch, rendered) -> None:
     whole = rendered(scene)
     memory = importlib.import_module(f"{MODULE}.engine.memory")
-    monkeypatch.setattr(memory, "available", lambda: 1000.0)
+    little_memory.leave(monkeypatch, memory, 1000.0)
     said = refused()
     assert said.startswith("Error: not enough memory: rendering takes some 0.0 GB, ") and said.endswith(memory.ADVICE)
     notes = importlib.import_module(f"{MODULE}.addon.scene_report").report_of(scene).of_level("ERROR")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tracemalloc
 
+import little_memory
 import numpy as np
 import pytest
 import scenes
@@ -45,7 +46,7 @@ def test_the_largest_picture_that_blender_can_ask_for():
 def test_a_picture_whose_sums_find_no_memory(monkeypatch):
     scene = scenes.plate()
     scene.width, scene.height = 16384, 16000
-    monkeypatch.setattr("engine.memory.available", lambda: np.inf)
+    little_memory.leave(monkeypatch, memory, np.inf)
     monkeypatch.setattr("engine.film.np", LittleMemory())
     with pytest.raises(LobeError) as found:
         engine.render(scene, Settings(samples=1))
@@ -110,7 +111,7 @@ def grid(side: int, smooth: bool = False) -> engine.Mesh:
 def test_too_little_memory_is_known_before_the_build(monkeypatch, make, largest):
     scene, built = scenes.plate(), []
     make(scene)
-    monkeypatch.setattr("engine.memory.available", lambda: float(ROOM_FOR))
+    little_memory.leave(monkeypatch, memory, float(ROOM_FOR))
     monkeypatch.setattr("engine.pack.Accel", lambda *_: built.append(1))
     with pytest.raises(LobeError) as found:
         engine.render(scene, Settings(samples=1))
@@ -119,11 +120,27 @@ def test_too_little_memory_is_known_before_the_build(monkeypatch, make, largest)
     assert said.endswith(f" of it for {largest}, and 0.0 GB can be had: {LESS}")
 
 
+def test_small_needs_are_not_asked_about(monkeypatch):
+    """What there is takes a millisecond to find out, and Blender renders icons in few more."""
+    asked: list[None] = []
+
+    def available() -> float:
+        asked.append(None)
+        return 0.0
+
+    monkeypatch.setattr(memory, "available", available)
+    memory.foresee({"half of it": memory.SMALL / 2, "the other": memory.SMALL / 2})
+    assert not asked
+    with pytest.raises(LobeError, match=r"for more of it, and 0\.0 GB can be had"):
+        memory.foresee({"more of it": memory.SMALL + 1})
+    assert asked
+
+
 def test_too_many_emissive_triangles_for_the_memory(monkeypatch):
     scene = scenes.plate()
     scene.materials[0] = engine.Material("Glow", emission=(1.0, 1.0, 1.0))
     scene.add_instance(grid(30))
-    monkeypatch.setattr("engine.memory.available", lambda: 400_000.0)
+    little_memory.leave(monkeypatch, memory, 400_000.0)
     with pytest.raises(LobeError, match=r"of it for 1,80[0-9] emissive triangles, "):
         engine.render(scene, Settings(samples=1))
 
@@ -154,9 +171,9 @@ def test_making_the_tables_of_an_environment_image_needs_room(monkeypatch):
     scene = scenes.plate()
     scene.world = sky(64, 32)
     geometry, need = pack_geometry(scene), memory.OF_NEW_TEXEL * 64 * 32
-    monkeypatch.setattr("engine.memory.available", lambda: float(need))
+    little_memory.leave(monkeypatch, memory, float(need))
     environment = pack_lights(scene, geometry).environment
-    monkeypatch.setattr("engine.memory.available", lambda: need - 1.0)
+    little_memory.leave(monkeypatch, memory, need - 1.0)
     with pytest.raises(LobeError, match=" of it for the environment image of 64 x 32 pixels, "):
         pack_lights(scene, geometry)
     pack_lights(scene, geometry, environment)  # the same image
@@ -182,9 +199,9 @@ def test_where_there_is_enough_it_renders(monkeypatch):
     """What is foreseen is the least that is needed: no scene that fits is refused."""
     scene = scenes.plate()
     need = sum(memory.need_of(scene, scene.meshes, 0).values())
-    monkeypatch.setattr("engine.memory.available", lambda: float(need))
+    little_memory.leave(monkeypatch, memory, float(need))
     assert engine.render(scene, Settings(samples=1)).samples == 1
-    monkeypatch.setattr("engine.memory.available", lambda: need - 1.0)
+    little_memory.leave(monkeypatch, memory, need - 1.0)
     with pytest.raises(LobeError):
         engine.render(scene, Settings(samples=1))
 
@@ -209,7 +226,7 @@ def test_passes_count_before_there_is_a_film(monkeypatch):
     """The memory that suffices for a picture without passes is too little with them, which takes none to see."""
     scene, passes, made = scenes.plate(), ALL_PASSES, []
     need = float(sum(memory.need_of(scene, scene.meshes, 0).values()))
-    monkeypatch.setattr("engine.memory.available", lambda: need)
+    little_memory.leave(monkeypatch, memory, need)
     monkeypatch.setattr("engine.schedule.Film", lambda *_: made.append(1))
     with pytest.raises(LobeError, match=f"of it for {len(passes)} passes of {scene.width} x {scene.height} pixels, "):
         engine.render(scene, Settings(samples=1, passes=passes))
@@ -224,7 +241,7 @@ def test_surfaces_and_passes_are_counted_together(monkeypatch):
     without = sum(memory.need_of(scene, scene.meshes, 0).values())
     film = sum(memory.need_of_film(scene, ALL_PASSES).values())
     assert max(without, film) < with_passes - 1
-    monkeypatch.setattr("engine.memory.available", lambda: with_passes - 1.0)
+    little_memory.leave(monkeypatch, memory, with_passes - 1.0)
     with pytest.raises(LobeError, match="not enough memory"):
         engine.render(scene, Settings(samples=1, passes=ALL_PASSES))
 
