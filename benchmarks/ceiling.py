@@ -112,7 +112,7 @@ def _instead_of_embree(records: np.ndarray, count: np.ndarray) -> Iterator[None]
 
     Compiled code looks its outer functions up by name when it is loaded, so that is what has to happen again.
     """
-    from bl_ext.user_default.lobe.engine import schedule
+    from bl_ext.user_default.lobe.engine import tiles
     from bl_ext.user_default.lobe.engine.kernels.embree import INTERSECT_PACKET, OCCLUDED_PACKET, library
 
     names = "rtcIntersect1", "rtcOccluded1", INTERSECT_PACKET, OCCLUDED_PACKET
@@ -124,12 +124,12 @@ def _instead_of_embree(records: np.ndarray, count: np.ndarray) -> Iterator[None]
     try:
         for name in names:
             llvm.add_symbol(name, stand_in[name].address)
-        schedule.tile_kernel.cache_clear()
+        tiles.tile_kernel.cache_clear()
         yield
     finally:
         for name in names:
             llvm.add_symbol(name, real[name])
-        schedule.tile_kernel.cache_clear()
+        tiles.tile_kernel.cache_clear()
 
 
 def _is_null(typing_context, pointer):

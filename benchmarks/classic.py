@@ -14,13 +14,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import common
 import numpy as np
-from common import br
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -174,23 +173,18 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    options = parse()
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            for name in options.scenes:
-                row, lobe, plain = measure(name, options)
-                table = common.update_table("classic", ("scene", "resolution", "plain samples"), [row],
-                                            folder=options.results)  # fmt: skip
-                where = row["resolution"]
-                rows = rows_of(name, where, "Lobe", lobe) + rows_of(name, where, "plain", [plain])
-                common.update_table("classic_curves", ("scene", "resolution"), rows, folder=options.results)
-                plot(name, typical(lobe), plain, options.results / f"classic_{name}.png")
-                say(table)
-        except br.ToolError as error:
-            print(f"classic.py: {error}", file=sys.stderr)
-            return 2
-    return 0
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    for name in options.scenes:
+        row, lobe, plain = measure(name, options)
+        table = common.update_table("classic", ("scene", "resolution", "plain samples"), [row], folder=options.results)
+        where = row["resolution"]
+        rows = rows_of(name, where, "Lobe", lobe) + rows_of(name, where, "plain", [plain])
+        common.update_table("classic_curves", ("scene", "resolution"), rows, folder=options.results)
+        plot(name, typical(lobe), plain, options.results / f"classic_{name}.png")
+        say(table)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ SUMMARY = "geometric mean"  # what the names of rows that sum up others begin wi
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
 __all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "add_results", "br", "enable_lobe", "engine_label",
-           "leave_out", "markdown", "prepare", "read_table", "render", "scene_path", "update_table"]  # fmt: skip
+           "leave_out", "markdown", "prepare", "read_table", "render", "run", "scene_path", "update_table"]  # fmt: skip
 
 
 def scene_path(name: str) -> Path:
@@ -85,6 +85,19 @@ def add_results(parser: argparse.ArgumentParser) -> None:
     """The option that keeps a trial run from writing into the tables that the pages quote."""
     parser.add_argument("--results", type=Path, default=RESULTS, metavar="FOLDER",
                         help="for tables; default: benchmarks/results")  # fmt: skip
+
+
+def run(work: Callable[[argparse.Namespace, Callable[[str], None]], None], options: argparse.Namespace) -> int:
+    """A script's work with Lobe enabled; returns its exit code. `work` gets a function that prints: what Blender prints
+    is left out."""
+    with br.quiet_stdout() as say:
+        try:
+            enable_lobe()
+            work(options, say)
+        except br.ToolError as error:
+            print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
+            return 2
+    return 0
 
 
 def update_table(

@@ -154,23 +154,19 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    options = parse()
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            rows = []
-            for name in options.scenes:
-                rows.append(measure(name, options))
-                table = common.update_table("denoise", ("scene",), rows, folder=options.results)
-            say(table)
-            keys = "resolution", "guides", "threads"
-            say(common.update_table("denoise_large", keys, large(options), folder=options.results))
-        except br.ToolError as error:
-            print(f"denoise.py: {error}", file=sys.stderr)
-            return 2
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    rows = []
+    for name in options.scenes:
+        rows.append(measure(name, options))
+        table = common.update_table("denoise", ("scene",), rows, folder=options.results)
+    say(table)
+    keys = "resolution", "guides", "threads"
+    say(common.update_table("denoise_large", keys, large(options), folder=options.results))
     if options.results == common.RESULTS:
         quote(PAGE, short(common.read_table("denoise", common.RESULTS)), MARKS)
-    return 0
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 
 import common
 import numpy as np
@@ -116,17 +117,13 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    options = parse()
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            add_idle_engine()
-            rows = [measure(name, options) for name in options.scenes]
-        except br.ToolError as error:
-            print(f"export_build.py: {error}", file=sys.stderr)
-            return 2
-        say(common.update_table("export_build", ("scene", "threads"), rows, folder=options.results))
-    return 0
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    add_idle_engine()
+    rows = [measure(name, options) for name in options.scenes]
+    say(common.update_table("export_build", ("scene", "threads"), rows, folder=options.results))
 
 
 if __name__ == "__main__":

@@ -22,12 +22,15 @@ from tqdm import tqdm
 
 from benchmarks import common
 from benchmarks.common import br
-from engine import render, schedule
+from engine import render
 from engine.features import EMITTER_TREE, EVERYTHING, Features
+from engine.kernels.embree import build_monitor
 from engine.kernels.tile import new_memory
+from engine.loading import load_kernel
 from engine.pack import pack
 from engine.scene import Camera, Scene
 from engine.settings import Settings
+from engine.tiles import tile_kernel
 from tools import metrics
 from tools.forcing import forced
 
@@ -90,7 +93,7 @@ def asked(settings: Settings, feature: str) -> Settings:
 def measure(scenes: dict[str, Scene], feature: str, threads: int, runs: int) -> dict:
     """A row of the table; no row is left out, since some of the sample scenes lack each feature."""
     settings = Settings(samples=SAMPLES, threads=threads, pixel_filter="BOX")
-    pairs = {name: pair(schedule.pack(scene, settings).features, feature) for name, scene in scenes.items()}
+    pairs = {name: pair(pack(scene, settings).features, feature) for name, scene in scenes.items()}
     lacking = [name for name, both in pairs.items() if both is not None]
     if not lacking:
         raise br.ToolError(f"all of these scenes have {feature!r}: add one that lacks it")
@@ -134,7 +137,7 @@ def _times_and_tables(scene: Scene, settings: Settings, feature: str, runs: int)
 
 def _bytes(scene: Scene, settings: Settings) -> int:
     """Of all tables of a packed scene and of the threads' memory."""
-    packed = schedule.pack(scene, settings)
+    packed = pack(scene, settings)
     tables = *packed.geometry, *packed.lights, *packed.environment, *packed.tree
     memory = new_memory(packed.features, packed.lights.shape_count).nbytes * settings.threads
     return memory + sum(table.nbytes for table in tables if isinstance(table, np.ndarray))
@@ -164,13 +167,13 @@ def _compile_alone(features: Features) -> tuple[float, int]:
 
 def compile_and_say(features: Features) -> None:
     """What `_compile_alone` runs: prints [seconds, bytes]."""
-    schedule.build_monitor()
+    build_monitor()
     packed = pack(Scene(camera=Camera()), Settings())
     packed.features = features
     begun = time.perf_counter()
-    schedule.load_kernel(packed, Settings())
+    load_kernel(packed, Settings())
     seconds = time.perf_counter() - begun
-    kernel = schedule.tile_kernel(features)
+    kernel = tile_kernel(features)
     code = kernel.overloads[kernel.signatures[0]].library._get_compiled_object()
     print(json.dumps([seconds, len(code)]))
 

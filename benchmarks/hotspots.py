@@ -111,13 +111,15 @@ def render_and_record(scene_of: str | Number, size: tuple[int, int], duration: f
     """What `measure` runs. Leaves perf.data, kernel.o and where that was in memory in the folder, and how many seconds
     a render took."""
     common.enable_lobe()
-    from bl_ext.user_default.lobe.engine import Prepared, render, schedule
+    from bl_ext.user_default.lobe.engine import Prepared, render
+    from bl_ext.user_default.lobe.engine.pack import pack
+    from bl_ext.user_default.lobe.engine.tiles import tile_kernel
 
     scene, settings = exported(scene_of, size)
     prepared = Prepared()  # so that it is packed once
     render(scene, settings, prepared=prepared)  # compiles
-    packed = schedule.pack(scene, settings)
-    (compiled,) = schedule.tile_kernel(packed.features).overloads.values()
+    packed = pack(scene, settings)
+    (compiled,) = tile_kernel(packed.features).overloads.values()
     function = compiled.fndesc.llvm_func_name
     (folder / "kernel.o").write_bytes(compiled.library._get_compiled_object())
     (folder / "place.json").write_text(json.dumps([function, compiled.library.get_pointer_to_function(function)]))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import common
@@ -242,19 +242,15 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    options = parse()
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            pairs = [(case, light) for case in CASES for light in LIGHTS]
-            rows = [measure(case, light, options) for case, light in tqdm(pairs, file=sys.stderr)]
-        except br.ToolError as error:
-            print(f"materials.py: {error}", file=sys.stderr)
-            return 2
-        say(common.update_table("materials", ("shape",), rows, folder=options.results))
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    pairs = [(case, light) for case in CASES for light in LIGHTS]
+    rows = [measure(case, light, options) for case, light in tqdm(pairs, file=sys.stderr)]
+    say(common.update_table("materials", ("shape",), rows, folder=options.results))
     if options.results == common.RESULTS:
         quote(PAGE, short(common.read_table("materials", common.RESULTS)), MARKS)
-    return 0
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import common
-from common import br
 from scale import in_turn, ratio_text, render, seconds
 
 from benchmarks.convergence.tables import quote
@@ -126,21 +125,17 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    options = parse()
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            rows: list[dict] = []
-            for name in options.scenes:
-                rows += measure(name, options)
-                table = common.update_table("passes", ("scene",), rows, folder=options.results)
-        except br.ToolError as error:
-            print(f"passes.py: {error}", file=sys.stderr)
-            return 2
-        say(table)
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    rows: list[dict] = []
+    for name in options.scenes:
+        rows += measure(name, options)
+        table = common.update_table("passes", ("scene",), rows, folder=options.results)
+    say(table)
     if options.results == common.RESULTS:
         quote(PAGE, short(common.read_table("passes", common.RESULTS)), MARKS)
-    return 0
 
 
 if __name__ == "__main__":

@@ -324,21 +324,17 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    options = parse()
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            add_idle_engine()
-            if options.child:
-                say(json.dumps(as_child(*options.child, options.threads)))
-                return 0
-            for name in QUESTIONS if options.question == "all" else (options.question,):
-                scenes.empty_file()
-                say(QUESTIONS[name](options))
-        except br.ToolError as error:
-            print(f"scale.py: {error}", file=sys.stderr)
-            return 2
-    return 0
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    add_idle_engine()
+    if options.child:
+        say(json.dumps(as_child(*options.child, options.threads)))
+        return
+    for name in QUESTIONS if options.question == "all" else (options.question,):
+        scenes.empty_file()
+        say(QUESTIONS[name](options))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import common
@@ -102,23 +103,19 @@ def errors(scene, options: argparse.Namespace, pictures: dict[str, list]) -> dic
 
 
 def main() -> int:
-    options = parse()
+    return common.run(work, parse())
+
+
+def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
     names = [n for name in options.scenes for n in (common.SCENES if name == "all" else (name,))]
-    with br.quiet_stdout() as say:
-        try:
-            common.enable_lobe()
-            rows = []
-            for name in names:
-                print(name, file=sys.stderr)
-                rows.append(measure(name, options))
-                table = common.update_table("speed", KEYS, rows, folder=options.results)
-        except br.ToolError as error:
-            print(f"speed.py: {error}", file=sys.stderr)
-            return 2
-        say(table)
-        for line in rows:
-            say("\n".join(f"{key}: {value}" for key, value in line.items()) + "\n")
-    return 0
+    rows = []
+    for name in names:
+        print(name, file=sys.stderr)
+        rows.append(measure(name, options))
+        table = common.update_table("speed", KEYS, rows, folder=options.results)
+    say(table)
+    for line in rows:
+        say("\n".join(f"{key}: {value}" for key, value in line.items()) + "\n")
 
 
 if __name__ == "__main__":

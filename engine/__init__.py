@@ -134,12 +134,12 @@ def precompile(kernel: str, progress: Callable[[int, int], None]) -> None:
     kernel    which, as `compile_elsewhere` names it; empty: those that scenes most often need, unless they are there
     progress  told, before each of those, how many are done and of how many
     """
-    from . import schedule
+    from . import loading
 
     if kernel:
-        schedule.precompile_one(json.loads(kernel))
+        loading.precompile_one(json.loads(kernel))
     else:
-        schedule.precompile_common(progress)
+        loading.precompile_common(progress)
 
 
 def kernel_folder() -> str:

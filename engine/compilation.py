@@ -65,6 +65,6 @@ def _file(function: Any) -> str:
     return function._cache._cache_file._index_path
 
 
-def loading(is_kept: bool, seconds: float) -> Doing:
+def loading_callback(is_kept: bool, seconds: float) -> Doing:
     """What to say of functions for C to call, after so many seconds: there are two, not worth counting."""
     return PREPARING if is_kept else Doing(f"compiling, {seconds:.0f} s (once)")

@@ -16,23 +16,14 @@ from .compilation import PREPARING
 from .features import Features
 from .film import Film
 from .kernels.camera.layout import PIXEL_X, PIXEL_Y
+from .loading import compiling, get_kernel, small_functions
 from .pack import Packed, pack
 from .pack.again import pack_again, same_meshes
 from .result import Doing, Picture
 from .scene import Instances, Scene, World
-from .schedule import (
-    BUILDING,
-    PASS_SAMPLES,
-    TILE_SAMPLES,
-    TILES_PER_THREAD,
-    Shared,
-    compiling,
-    get_kernel,
-    render_tiles,
-    small_functions,
-    tiles_of,
-)
+from .schedule import BUILDING, PASS_SAMPLES
 from .settings import Settings
+from .tiles import TILE_SAMPLES, TILES_PER_THREAD, Shared, render_tiles, tiles_of
 
 FIRST_SECONDS = 0.045  # of the first pass: two of them follow on each other in less than a tenth of a second
 COARSEST = 16  # pixels of the picture that are one of the first pass, along each side

@@ -7,56 +7,33 @@ in the order of its samples, so the same scene and seed give the same bits on an
 from __future__ import annotations
 
 import contextlib
-import gc
 import itertools
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cache, partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from . import elsewhere
 from .adaptive import AdaptiveSampling
-from .compilation import PREPARING, Compilation, loading
-from .features import EMITTER_TREE, ONE_EMITTER, RECTANGLE, Features
+from .compilation import PREPARING
 from .film import Film
-from .kernels.batch import BATCH
-from .kernels.embree import build_monitor, lamp_filter, new_ray
-from .kernels.first_hit import make_first_hit_kernel
-from .kernels.jit import CACHE_FOLDER, lost_cache
-from .kernels.parts import PartSums
-from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED, Limits, Tables
-from .kernels.tile import make_tile_kernel, new_memory
-from .lighttree import build_nodes, load_builder
+from .kernels.jit import lost_cache
+from .kernels.records import COUNTERS, DIRECTIONS, DRAWS, REJECTED
+from .loading import compiling, get_kernel, small_functions
 from .memory import foresee, need_of_film
-from .pack import Packed, pack
+from .pack import Packed
 from .pack.again import pack_next
-from .passes import LIGHT
 from .prepared import Prepared
 from .result import RENDERING, Doing, Progress, Result
-from .scene import Camera, Scene
+from .scene import Scene
 from .settings import Settings
+from .tiles import Shared, render_tiles, tiles_of
 
 FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a picture stands early
 PASS_SAMPLES = 32  # samples of every pass after them
-TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
-TILES = 64  # at least, also in small pictures, as long as they fill a batch of paths
-TILES_PER_THREAD = 8  # at least, so that the threads end a pass together
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 BUILDING = Doing("building")
-TREE_BUILDER = {"function": "builder of light trees"}  # in place of a `_name`
-BUILDER_ONCE = "compiling what sorts lights", "(once)"  # two counters in a row: each says what it counts
-COMMON = {"kernels": "of common scenes"}  # to mark that they are all there
-NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
-NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
-
-tile_kernel = cache(make_tile_kernel)
-first_hit_kernel = cache(make_first_hit_kernel)
 
 
 class Stopped(Exception):
@@ -252,80 +229,6 @@ class _Render:
         self.result.draws_per_direction = float(self.counted[DRAWS] / max(self.counted[DIRECTIONS], 1))
 
 
-def render_tiles(
-    packed: Packed, settings: Settings, film: Film, adaptive: AdaptiveSampling | None, tiles: Iterator, first: int,
-    count: int, halt: np.ndarray, deadline: float = np.inf,
-) -> tuple[int, np.ndarray]:  # fmt: skip
-    """Samples first .. first + count of tiles, on this thread, until none is left, `halt[0]` is set or the deadline is
-    over. Returns the rays traced and the kernel's counters."""
-    render_tile, tables = tile_kernel(packed.features), _tables(packed)
-    limits, seed = _limits(packed.features, settings), np.uint32(settings.seed & 0xFFFFFFFF)
-    origin = np.array(film.region[:2], np.int64)
-    half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
-    memory = new_memory(packed.features, packed.lights.shape_count)
-    parts = PartSums(film.passes.parts, film.passes.part_columns) if film.passes else NO_PARTS
-    look = _first_hits(packed, film, seed, active) if packed.surfaces and film.passes else None
-    counters, rays = np.zeros(COUNTERS, np.int64), 0
-    for tile in tiles:
-        if halt[0] or time.perf_counter() > deadline:
-            break
-        rays += render_tile(
-            tables, limits, memory, tile, first, count, seed, origin, film.sums, film.samples, half, active, parts,
-            counters, halt,
-        )  # fmt: skip
-        if look is not None:
-            rays += look(tile, first, count, halt)
-    return rays, counters
-
-
-def _first_hits(packed: Packed, film: Film, seed: np.uint32, active: np.ndarray) -> Callable:
-    """`look(tile, first, count, halt)` sums up what these samples see first. Returns the rays traced."""
-    assert film.passes is not None
-    kernel, tables, memory = first_hit_kernel(_seen_first(packed.features)), _tables(packed), new_ray()
-    origin, data, columns = np.array(film.region[:2], np.int64), film.passes.data, film.passes.columns
-
-    def look(tile, first: int, count: int, halt: np.ndarray) -> int:
-        return kernel(
-            tables, packed.surfaces, memory, tile, first, count, seed, origin, data, columns, active, halt
-        )  # fmt: skip
-
-    return look
-
-
-def _seen_first(features: Features) -> Features:
-    """Those of a scene's features that decide what the camera sees first: scenes with the same share a kernel."""
-    names = (
-        "smooth",
-        "instances",
-        "transparency",
-        "holdout",
-        "mesh_emitters",
-        "world",
-        "orthographic",
-        "lens",
-        "transparent_film",
-    )
-    return Features(**{name: getattr(features, name) for name in names})
-
-
-def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[float], Doing], Callable]]:
-    """What loads or compiles the functions that packing the scene needs, each after what to say meanwhile. halt: see
-    `get_kernel`."""
-    for make in (build_monitor, lamp_filter) if scene.lights else (build_monitor,):
-        yield partial(loading, elsewhere.is_marked(_callback(make), _cache())), partial(_get_callback, make)
-    if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
-        builder = Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache()), BUILDER_ONCE)
-        yield builder, partial(_get_builder, halt)
-
-
-def compiling(packed: Packed) -> Compilation:
-    """What to say while `get_kernel` works."""
-    kernels = [tile_kernel(packed.features)]
-    if packed.surfaces:
-        kernels.append(first_hit_kernel(_seen_first(packed.features)))
-    return Compilation(kernels, elsewhere.is_marked(_name(packed), _cache()))
-
-
 def schedule(total: int) -> Iterator[tuple[int, int]]:
     """(first sample, number of samples) of each pass."""
     first = 0
@@ -334,158 +237,3 @@ def schedule(total: int) -> Iterator[tuple[int, int]]:
             return
         yield first, min(count, total - first)
         first += count
-
-
-def tiles_of(
-    region: tuple[int, int, int, int], samples: int, least: int = TILES
-) -> Iterator[tuple[int, int, int, int]]:
-    """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets; `least` of them where
-    there are pixels enough. How a picture is cut changes none of its bits."""
-    x0, y0, x1, y1 = region
-    size = min(max((x1 - x0) * (y1 - y0) * samples // least, BATCH), TILE_SAMPLES)
-    side = max(4, 1 << ((size // samples).bit_length() // 2))
-    for y in range(y0, y1, side):
-        for x in range(x0, x1, side):
-            yield x, y, min(x + side, x1), min(y + side, y1)
-
-
-class Shared:
-    """An iterator that threads take from in turn."""
-
-    def __init__(self, items: Iterator):
-        self._items, self._lock = items, threading.Lock()
-
-    def __iter__(self):
-        return self
-
-    def __next__(self):
-        with self._lock:
-            return next(self._items)
-
-
-def _tables(packed: Packed) -> Tables:
-    return Tables(
-        packed.geometry, packed.lights, packed.environment, packed.tree, packed.camera, packed.filter_table,
-        packed.sampler,
-    )  # fmt: skip
-
-
-def _limits(features: Features, settings: Settings) -> Limits:
-    # Without Phong every bounce is a diffuse one; the kernel then counts no kinds.
-    bounces = settings.max_bounces if features.phong else min(settings.max_bounces, settings.diffuse_bounces)
-    return Limits(
-        np.int32(bounces),
-        np.int32(settings.diffuse_bounces),
-        np.int32(settings.glossy_bounces),
-        np.float32(settings.clamp_direct),
-        np.float32(settings.clamp_indirect),
-    )
-
-
-def get_kernel(packed: Packed, settings: Settings, halt: np.ndarray) -> None:
-    """Have the kernel ready. Once `halt[0]` is set, elsewhere.CompilationStopped is raised where another process
-    compiles it; in this one a compilation runs to its end."""
-    elsewhere.compiled(_name(packed), _cache(), lambda: bool(halt[0]))
-    load_kernel(packed, settings)
-
-
-def _callback(make: Callable) -> dict[str, Any]:
-    return {"callback": make.__name__}
-
-
-def _get_callback(make: Callable) -> None:
-    """Have a function for C to call ready, and in the disk cache."""
-    make()
-    elsewhere.mark(_callback(make), _cache())
-
-
-def _get_builder(halt: np.ndarray) -> None:
-    elsewhere.compiled(TREE_BUILDER, _cache(), lambda: bool(halt[0]))
-    precompile_one(TREE_BUILDER)
-
-
-def load_kernel(packed: Packed, settings: Settings) -> None:
-    """A tile without pixels makes Numba compile the kernel or read it from disk."""
-    limits = _limits(packed.features, settings)
-    with _no_garbage_collection():
-        tile_kernel(packed.features)(
-            _tables(packed), limits, new_memory(packed.features), (0, 0, 0, 0), 0, 0, np.uint32(0),
-            np.zeros(2, np.int64), np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)),
-            np.ones((1, 1), np.bool_), NO_PARTS, np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
-        )  # fmt: skip
-        if packed.surfaces:
-            film = Film((0, 0, 1, 1), 1.0, settings.passes)
-            look = _first_hits(packed, film, np.uint32(0), np.ones((1, 1), np.bool_))
-            look((0, 0, 0, 0), 0, 0, np.zeros(1, np.uint8))
-    elsewhere.mark(_name(packed), _cache())
-
-
-def _name(packed: Packed) -> dict[str, Any]:
-    """What says which kernels the scene takes: `precompile_one` compiles them by it."""
-    return {"features": packed.features._asdict(), "first_hits": packed.surfaces is not None}
-
-
-def _cache() -> Path | None:
-    return None if lost_cache() else CACHE_FOLDER
-
-
-@contextlib.contextmanager
-def _no_garbage_collection():
-    """Numba makes millions of objects that live on: looking for garbage among them is a tenth of compiling."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
-
-
-def precompile_one(name: dict[str, Any]) -> None:
-    """Have the kernels of this `_name` in the disk cache, or the function that builds light trees."""
-    if name == TREE_BUILDER:
-        load_builder()
-        elsewhere.mark(name, _cache())
-        return
-    settings = Settings(passes=("DEPTH",) if name["first_hits"] else ())
-    packed = pack(Scene(camera=Camera()), settings)
-    packed.features = Features(**name["features"])
-    load_kernel(packed, settings)
-
-
-def precompile_common(progress: Callable[[int, int], None]) -> None:
-    """Compile the kernels of common scenes into the disk cache, those that are needed soonest first, unless they are
-    there. progress: told how many kinds of scenes are done, and of how many.
-
-    Functions that kernels share are in the cache too: what these scenes have between them is most of what there is,
-    so that any other scene takes a small part of the first one's time, see benchmarks/results/startup.md.
-    """
-    from .features import CONSTANT_WORLD, DISK, EVERYTHING, IMAGE_WORLD
-
-    if _cache() is None or elsewhere.is_marked(COMMON, _cache()):
-        return
-    glossy = Features(phong=1, smooth=1)
-    lamp_lit = glossy._replace(lamp_kinds=DISK, lamp_shapes=1, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD)
-    mesh_lit = Features(mesh_emitters=1, emitter_choice=EMITTER_TREE)
-    common = (
-        lamp_lit._replace(smooth=0),  # Blender's default scene
-        lamp_lit,
-        lamp_lit._replace(emitter_choice=EMITTER_TREE),
-        lamp_lit._replace(lamp_kinds=RECTANGLE),
-        lamp_lit._replace(lamp_kinds=RECTANGLE, emitter_choice=EMITTER_TREE),
-        glossy._replace(suns=1, sun_disks=1, world=CONSTANT_WORLD),
-        glossy._replace(world=CONSTANT_WORLD),
-        glossy._replace(world=IMAGE_WORLD),
-        mesh_lit._replace(rectangle_emitters=1, emitter_choice=ONE_EMITTER),  # the Cornell box
-        mesh_lit._replace(phong=1, smooth=1, world=CONSTANT_WORLD),
-        Features(**EVERYTHING, transparent_film=1),
-    )
-    _get_callback(build_monitor)
-    _get_callback(lamp_filter)
-    packed = pack(Scene(camera=Camera()), Settings())
-    for done, features in enumerate(common):
-        progress(done, len(common))
-        packed.features = features
-        load_kernel(packed, Settings())
-    precompile_one(TREE_BUILDER)
-    elsewhere.mark(COMMON, _cache())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scenes
 
-from engine import Interactive, PointLight, Progress, Settings, compilation, render, schedule
+from engine import Interactive, PointLight, Progress, Settings, compilation, loading, render, tiles
 from engine.compilation import ONCE, PREPARING, Compilation, functions_of
 from engine.kernels.tile import make_tile_kernel
 from engine.pack import pack
@@ -92,15 +92,15 @@ def test_what_is_kept_or_here_is_not_compiled(folder):
 @pytest.fixture
 def slow(tmp_path: Path, monkeypatch) -> threading.Event:
     """No kernel is kept or loaded, and it takes until this is set to have one."""
-    told, load = threading.Event(), schedule.load_kernel
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
-    monkeypatch.setattr(schedule, "tile_kernel", cache(make_tile_kernel))
+    told, load = threading.Event(), loading.load_kernel
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(tiles, "tile_kernel", cache(make_tile_kernel))
 
     def slowly(*arguments) -> None:
         assert told.wait(PATIENCE)
         load(*arguments)
 
-    monkeypatch.setattr(schedule, "load_kernel", slowly)
+    monkeypatch.setattr(loading, "load_kernel", slowly)
     return told
 
 
@@ -114,7 +114,7 @@ def test_a_render_tells_how_far_its_compilation_is(slow):
 
     render(scenes.plate(), Settings(samples=2), progress=progress)
     compiling = [state for state in seen if state.steps is not None]
-    total = len(functions_of([schedule.tile_kernel(pack(scenes.plate(), Settings()).features)]))
+    total = len(functions_of([tiles.tile_kernel(pack(scenes.plate(), Settings()).features)]))
     for state in compiling:
         done, of = state.steps
         assert 0 <= done < of == total and state.fraction == done / of
@@ -125,14 +125,14 @@ def test_a_render_tells_how_far_its_compilation_is(slow):
 def test_once_it_is_kept_nothing_is_compiled(slow):
     slow.set()
     packed = pack(scenes.plate(), Settings())
-    assert schedule.compiling(packed)(1.0).steps is not None
-    schedule.load_kernel(packed, Settings())
-    schedule.tile_kernel.cache_clear()  # as in another process
-    assert schedule.compiling(packed)(1.0) == PREPARING
+    assert loading.compiling(packed)(1.0).steps is not None
+    loading.load_kernel(packed, Settings())
+    tiles.tile_kernel.cache_clear()  # as in another process
+    assert loading.compiling(packed)(1.0) == PREPARING
 
 
 def test_a_pass_counts_the_functions_of_both_kernels(slow):
-    alone, both = (schedule.compiling(pack(scenes.plate(), Settings(passes=names))) for names in ((), ("DEPTH",)))
+    alone, both = (loading.compiling(pack(scenes.plate(), Settings(passes=names))) for names in ((), ("DEPTH",)))
     assert both(0.0).steps[1] > alone(0.0).steps[1]
 
 
@@ -158,10 +158,10 @@ def test_a_viewport_says_how_far_its_compilation_is(slow):
 
 def test_functions_for_c_are_compiled_once(monkeypatch, tmp_path: Path):
     """The first of all: that it is a compilation is said from its beginning on."""
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
     scene = scenes.lit_plate([PointLight("lamp", scenes.place((0, 0, 1)), intensity=(1.0, 1.0, 1.0))])
     for said in (Doing("compiling, 12 s (once)"), PREPARING):
-        needed = list(schedule.small_functions(scene, np.zeros(1, np.uint8)))
+        needed = list(loading.small_functions(scene, np.zeros(1, np.uint8)))
         assert [doing(12.3) for doing, _ in needed] == [said, said]
         for _, load in needed:
             load()
@@ -169,16 +169,16 @@ def test_functions_for_c_are_compiled_once(monkeypatch, tmp_path: Path):
 
 def test_common_kernels_are_counted(monkeypatch, tmp_path: Path):
     """As the process in the background does, which Blender listens to. Once they are kept nothing is done."""
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
     done: list[tuple[int, int]] = []
     loaded: list[int] = []
-    monkeypatch.setattr(schedule, "load_kernel", lambda packed, settings: loaded.append(len(done)))
-    monkeypatch.setattr(schedule, "precompile_one", lambda name: loaded.append(len(done)))
-    schedule.precompile_common(lambda *counts: done.append(counts))
+    monkeypatch.setattr(loading, "load_kernel", lambda packed, settings: loaded.append(len(done)))
+    monkeypatch.setattr(loading, "precompile_one", lambda name: loaded.append(len(done)))
+    loading.precompile_common(lambda *counts: done.append(counts))
     total = len(done)
     assert done == [(number, total) for number in range(total)]
     assert loaded == [*range(1, total + 1), total]
-    schedule.precompile_common(lambda *counts: pytest.fail("compiled once more"))
+    loading.precompile_common(lambda *counts: pytest.fail("compiled once more"))
     assert len(loaded) == total + 1
 
 
@@ -186,13 +186,13 @@ def test_common_kernels_that_fail_are_not_marked(monkeypatch, tmp_path: Path):
     def fail(packed, settings) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
-    monkeypatch.setattr(schedule, "load_kernel", fail)
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(loading, "load_kernel", fail)
     with pytest.raises(MemoryError):
-        schedule.precompile_common(lambda *_: None)
-    assert not schedule.elsewhere.is_marked(schedule.COMMON, tmp_path)
+        loading.precompile_common(lambda *_: None)
+    assert not loading.elsewhere.is_marked(loading.COMMON, tmp_path)
 
 
 def test_without_a_cache_nothing_is_compiled_for_it(monkeypatch):
-    monkeypatch.setattr(schedule, "lost_cache", lambda: "there is none")
-    schedule.precompile_common(lambda *_: pytest.fail("compiled for nothing"))
+    monkeypatch.setattr(loading, "lost_cache", lambda: "there is none")
+    loading.precompile_common(lambda *_: pytest.fail("compiled for nothing"))

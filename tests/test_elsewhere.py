@@ -91,9 +91,9 @@ def test_who_waits_for_another_kernel_can_be_stopped(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", [["a program that is not there"], [sys.executable, "-c", "raise SystemExit(3)"]])
 def test_where_the_process_fails_the_kernel_is_compiled_here(command: list[str], tmp_path: Path, monkeypatch) -> None:
-    from engine import Camera, Scene, Settings, render, schedule
+    from engine import Camera, Scene, Settings, loading, render
 
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
     elsewhere.compile_elsewhere(command)
     try:
         render(Scene(camera=Camera(), width=4, height=4), Settings(samples=1))
@@ -106,10 +106,10 @@ def test_where_the_process_crashes_the_kernel_is_not_compiled_here(tmp_path: Pat
     """As LLVM ends it: the same here would be the end of Blender. The next attempt is in another process again."""
     from llvmlite import binding
 
-    from engine import Camera, Scene, Settings, render, schedule
+    from engine import Camera, Scene, Settings, loading, render
 
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
-    monkeypatch.setattr(schedule, "load_kernel", lambda *_: pytest.fail("compiled here"))
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(loading, "load_kernel", lambda *_: pytest.fail("compiled here"))
     elsewhere.compile_elsewhere([sys.executable, "-c", "import os; os.abort()"])
     try:
         for _ in range(2):
@@ -135,7 +135,7 @@ def test_a_crash_is_known_by_the_exit_code(monkeypatch, platform: str, code: int
 
 
 def test_a_render_marks_the_kernel_by_the_name_that_compiles_it(tmp_path: Path, monkeypatch) -> None:
-    from engine import Camera, Scene, Settings, render, schedule
+    from engine import Camera, Scene, Settings, loading, render
     from engine.kernels import jit
 
     names: list[dict] = []
@@ -143,15 +143,15 @@ def test_a_render_marks_the_kernel_by_the_name_that_compiles_it(tmp_path: Path, 
     monkeypatch.setattr(elsewhere, "compiled", lambda kernel, folder, stop: names.append(kernel))
     render(Scene(camera=Camera(), width=4, height=4), Settings(samples=1, passes=("DEPTH",)))
     asked, marked = (name for name in names if "features" in name)
-    schedule.precompile_one(asked)
+    loading.precompile_one(asked)
     assert asked == marked == names[-1]
     assert asked["first_hits"] and not jit.lost_cache()
 
 
 def test_the_builder_of_light_trees_is_compiled_by_its_name_too(started: Path, tmp_path: Path, monkeypatch) -> None:
-    from engine import schedule
+    from engine import loading
 
-    monkeypatch.setattr(schedule, "CACHE_FOLDER", tmp_path)
-    schedule._get_builder(np.zeros(1, np.uint8))
-    schedule._get_builder(np.zeros(1, np.uint8))
-    assert [json.loads(line) for line in started.read_text().splitlines()] == [schedule.TREE_BUILDER]
+    monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
+    loading._get_builder(np.zeros(1, np.uint8))
+    loading._get_builder(np.zeros(1, np.uint8))
+    assert [json.loads(line) for line in started.read_text().splitlines()] == [loading.TREE_BUILDER]

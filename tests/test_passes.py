@@ -15,8 +15,7 @@ from sample_scenes import SCENES, sample_scene
 
 import engine.kernels.tile as tile
 import engine.pack.geometry as packing
-import engine.schedule as schedule
-from engine import PASSES, Scene, Settings, SettingsError, World, render
+from engine import PASSES, Scene, Settings, SettingsError, World, render, schedule, tiles
 from engine.film import Film
 from engine.kernels import first_hit
 from engine.kernels.path import make_path_kernel, new_path
@@ -81,8 +80,8 @@ def test_where_no_sample_is_there_is_nothing():
     film = Film(scene.render_region, 1.0, settings.passes)
     x0, y0, x1, y1 = scene.render_region
     middle = (x0 + x1) // 2
-    tiles = schedule.Shared(iter([(x0, y0, middle, y1)]))
-    schedule.render_tiles(pack(scene, settings), settings, film, None, tiles, 0, 1, np.zeros(1, np.uint8))
+    half = tiles.Shared(iter([(x0, y0, middle, y1)]))
+    tiles.render_tiles(pack(scene, settings), settings, film, None, half, 0, 1, np.zeros(1, np.uint8))
     passes = film.pass_pictures()
     reached = passes["SAMPLE_COUNT"][..., 0] > 0
     assert reached.sum() == (middle - x0) * (y1 - y0)
@@ -168,8 +167,8 @@ def test_both_kernels_share_light_out_alike(name):
     assert tile.covers(pack(scene, Settings()).features)
     staged = picture(scene, samples=32).passes
     with (
-        mock.patch.object(schedule, "tile_kernel", cache(make_path_kernel)),
-        mock.patch.object(schedule, "new_memory", lambda features, lamps=0: new_path(lamps, features.light_passes)),
+        mock.patch.object(tiles, "tile_kernel", cache(make_path_kernel)),
+        mock.patch.object(tiles, "new_memory", lambda features, lamps=0: new_path(lamps, features.light_passes)),
     ):
         by_path = picture(scene, samples=32).passes
     for key in LIGHT:
@@ -412,7 +411,7 @@ def test_sample_count_is_of_each_pixel():
 def test_passes_depend_neither_on_threads_nor_on_tiles_nor_on_the_region():
     scene = scenes.lamp_room(["area", "sphere", "wide_sun"], 24)
     whole = picture(scene).passes
-    with mock.patch.object(schedule, "TILE_SAMPLES", 200):
+    with mock.patch.object(tiles, "TILE_SAMPLES", 200):
         other = picture(scene, threads=2).passes
     scene.region = (5, 3, 20, 17)
     part = picture(scene, threads=2).passes
@@ -426,7 +425,7 @@ def test_without_passes_nothing_is_made_for_them(monkeypatch):
     def forbidden(*_):
         raise AssertionError("made without a pass that asks for it")
 
-    monkeypatch.setattr(schedule, "first_hit_kernel", forbidden)
+    monkeypatch.setattr(tiles, "first_hit_kernel", forbidden)
     monkeypatch.setattr("engine.film.PassFilm", forbidden)
     scene = scenes.cornell(SIZE)
     packed = pack(scene, Settings())

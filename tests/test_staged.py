@@ -20,8 +20,7 @@ import scenes
 
 import engine.kernels.tile as tile
 import engine.pack.geometry as packing
-import engine.schedule as schedule
-from engine import Scene, Settings, World, render
+from engine import Scene, Settings, World, render, tiles
 from engine.features import Features
 from engine.kernels import batch
 from engine.kernels.bsdf.diffuse import REJECTION
@@ -95,8 +94,8 @@ def picture(scene: Scene, **changes):
 def by_path(scene: Scene, **changes):
     """As `picture`, with the other kernel."""
     with ExitStack() as patches:
-        patches.enter_context(mock.patch.object(schedule, "tile_kernel", path_kernel))
-        patches.enter_context(mock.patch.object(schedule, "new_memory", lambda _, lamps=0: new_ray(lamps)))
+        patches.enter_context(mock.patch.object(tiles, "tile_kernel", path_kernel))
+        patches.enter_context(mock.patch.object(tiles, "new_memory", lambda _, lamps=0: new_ray(lamps)))
         return picture(scene, **changes)
 
 
@@ -210,7 +209,7 @@ def test_narrower_packets_give_the_same_picture(width, tmp_path, repository):
 def test_no_bit_depends_on_where_batches_end():
     scene = SCENES["cornell"]()
     whole = picture(scene).pixels
-    with mock.patch.object(schedule, "TILE_SAMPLES", 200):
+    with mock.patch.object(tiles, "TILE_SAMPLES", 200):
         assert np.array_equal(whole, picture(scene, threads=2).pixels)
     assert SIZE * SIZE * 8 > 3 * batch.BATCH  # of the longest pass
 

@@ -203,7 +203,7 @@ def test_a_cache_folder_that_the_user_chose_stays(precompile, tmp_path: Path) ->
 @pytest.fixture(scope="module")
 def compilation():
     """The engine's module. It is loaded here, before another test's cache folder is set: it would be the engine's."""
-    importlib.import_module(f"{MODULE}.engine.schedule")
+    importlib.import_module(f"{MODULE}.engine.loading")
     return sys.modules[f"{MODULE}.engine.compilation"]
 
 
@@ -212,12 +212,12 @@ def test_the_engine_has_a_kernel_compiled_by_the_same_process(
 ) -> None:
     """As it is where there is a window: the kernel comes from a process that knows nothing but its name. Meanwhile one
     sees how many functions it has compiled, which are those that were expected."""
-    engine, schedule = (sys.modules[f"{MODULE}.{name}"] for name in ("engine", "engine.schedule"))
-    kernel = schedule.make_tile_kernel(schedule.Features())
+    engine, loading = (sys.modules[f"{MODULE}.{name}"] for name in ("engine", "engine.loading"))
+    kernel = loading.tiles.tile_kernel(loading.Features())
     needed, own = compilation.functions_of([kernel]), compilation._file
 
     def there(function) -> str:
-        return str(tmp_path / "kernels" / Path(own(function)).relative_to(schedule.CACHE_FOLDER.parent))
+        return str(tmp_path / "kernels" / Path(own(function)).relative_to(loading.CACHE_FOLDER.parent))
 
     monkeypatch.setattr(compilation, "_file", there)
     doing = compilation.Compilation([kernel], is_kept=False)

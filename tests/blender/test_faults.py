@@ -68,10 +68,11 @@ def too_much(*_arguments, **_options):
 def escape(monkeypatch, session):
     """A function: Escape is pressed as soon as a phase is under way."""
     reached = threading.Event()
-    schedule = importlib.import_module(f"{MODULE}.engine.schedule")
-    pack = importlib.import_module(f"{MODULE}.engine.pack")
+    pack, loading, schedule = (
+        importlib.import_module(f"{MODULE}.engine.{name}") for name in ("pack", "loading", "schedule")
+    )
     places = {
-        "export": (instances, "export_mesh"), "build": (pack, "pack_lights"), "compile": (schedule, "load_kernel"),
+        "export": (instances, "export_mesh"), "build": (pack, "pack_lights"), "compile": (loading, "load_kernel"),
         "render": (schedule, "render_tiles"),
     }  # fmt: skip
 
@@ -248,8 +249,9 @@ def test_too_little_memory_to_denoise_keeps_the_noisy_picture(scene, rendered, s
 def test_a_defect_in_the_engine_leaves_the_next_render_whole(scene, rendered, phase, monkeypatch) -> None:
     whole = rendered(scene)
     scene.render.use_persistent_data = True
-    places = {"build": "pack_next", "compile": "load_kernel", "render": "render_tiles"}
-    monkeypatch.setattr(importlib.import_module(f"{MODULE}.engine.schedule"), places[phase], on_purpose)
+    places = {"build": "schedule.pack_next", "compile": "loading.load_kernel", "render": "schedule.render_tiles"}
+    module, function = places[phase].split(".")
+    monkeypatch.setattr(importlib.import_module(f"{MODULE}.engine.{module}"), function, on_purpose)
     assert refused().startswith("Error: Lobe failed (ZeroDivisionError: on purpose)")
     monkeypatch.undo()
     assert np.array_equal(rendered(scene), whole)

@@ -57,11 +57,11 @@ STAGED = BY_PATHS._replace(**dict.fromkeys((*BY_PATH, "holdout"), 0))
 ALIKE = ("orthographic", "hemisphere", "lobe_selection")  # either choice is as much code
 
 WHOLE = """
-from engine import schedule
+from engine import loading, tiles
 from engine.features import Features
 features = Features(**{features})
-schedule.precompile_one({{"features": features._asdict(), "first_hits": True}})
-kernels = schedule.tile_kernel(features), schedule.first_hit_kernel(schedule._seen_first(features))
+loading.precompile_one({{"features": features._asdict(), "first_hits": True}})
+kernels = tiles.tile_kernel(features), tiles.first_hit_kernel(tiles.seen_first(features))
 """
 
 RENDER = """

@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 from properties.strategies import small_scenes
 
 import engine.pack.geometry as packing
-import engine.schedule as schedule
-from engine import Lamp, Material, Scene, Settings, Visibility, World, render
+from engine import Lamp, Material, Scene, Settings, Visibility, World, render, schedule, tiles
 from engine.features import (
     CONSTANT_WORLD,
     DARK_WORLD,
@@ -101,7 +100,7 @@ WAYS = {
 def assert_same_bits(scene: Scene, seed: int, x: int, y: int, **way) -> None:
     whole = picture(scene, seed=seed, **way)
     assert np.array_equal(whole, picture(scene, seed=seed, **way))
-    with mock.patch.object(schedule, "TILE_SAMPLES", 1):  # four tiles in place of one
+    with mock.patch.object(tiles, "TILE_SAMPLES", 1):  # four tiles in place of one
         assert np.array_equal(whole, picture(scene, seed=seed, threads=2, **way))
     if not way.get("use_adaptive_sampling"):  # which goes by a pixel's neighbours, too
         assert np.array_equal(whole[y:8, x:7], picture(with_region(scene, (x, y, 7, 8)), seed=seed, **way))
@@ -303,8 +302,8 @@ def test_no_bit(name):
 
 @pytest.mark.skipif(not AS_WRITTEN, reason="runs in a process of its own, below")
 def test_no_bit_can_be_changed_unseen(monkeypatch):
-    limits = schedule._limits
-    monkeypatch.setattr(schedule, "_limits", lambda *given: limits(*given)._replace(clamp_indirect=np.float32(1e-4)))
+    limits = tiles.limits_of
+    monkeypatch.setattr(tiles, "limits_of", lambda *given: limits(*given)._replace(clamp_indirect=np.float32(1e-4)))
     with pytest.raises(pytest.fail.Exception, match="clamp"):
         test_no_bit("emissive under a sky")
 
@@ -316,8 +315,8 @@ def test_features_that_a_scene_does_not_use_change_no_bit_of_what_is_calculated_
 
 def test_a_feature_that_changes_the_picture_is_noticed(monkeypatch):
     """Clamping, switched on at a limit that the scene has not asked for."""
-    limits = schedule._limits
-    monkeypatch.setattr(schedule, "_limits", lambda *given: limits(*given)._replace(clamp_indirect=np.float32(0.05)))
+    limits = tiles.limits_of
+    monkeypatch.setattr(tiles, "limits_of", lambda *given: limits(*given)._replace(clamp_indirect=np.float32(0.05)))
     assert share_of_changed(FIXED["emissive"](), ["clamp"]) > TURNED
 
 
