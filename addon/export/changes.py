@@ -23,17 +23,20 @@ def uid_of(datablock) -> int:
 class Changes:
     """What has to be exported again.
 
-    placed     where objects stand, which there are, their materials, what rays see them, and the lamps
+    placed     where objects stand, which there are, and the lamps
+    shaded     by `uid_of`, evaluated objects of which Blender says that their shading alone has changed: it does so of
+               all that have a material that was edited, and of those that have another one, or that other rays see
     geometry   `uid_of` objects and of their data whose surfaces were evaluated again
-    materials  `uid_of` these
+    materials  these, evaluated, by `uid_of`
     nodes      node groups or images, which any material, lamp and world may use
     images     the pixels of some image
     world      the world
     """
 
     placed: bool = False
+    shaded: dict[int, bpy.types.Object] = field(default_factory=dict)
     geometry: set[int] = field(default_factory=set)
-    materials: set[int] = field(default_factory=set)
+    materials: dict[int, bpy.types.Material] = field(default_factory=dict)
     nodes: bool = False
     images: bool = False
     world: bool = False
@@ -59,13 +62,20 @@ def _add(changes: Changes, update) -> None:
         case bpy.types.Camera() | bpy.types.ShaderNodeTree():
             pass  # the view is looked at whenever it is drawn, and the trees by `changes_of`
         case bpy.types.Material() as material:
-            changes.placed = True
-            changes.materials.add(uid_of(material))
+            changes.materials[uid_of(material)] = material
         case bpy.types.World():
             changes.world = True
         case bpy.types.Image() | bpy.types.Texture() | bpy.types.MovieClip():
             changes.nodes = changes.images = True
+        case bpy.types.Object() as object_ if _is_shaded_alone(update):
+            changes.shaded[uid_of(object_)] = object_
+        case bpy.types.Mesh() | bpy.types.Curve() | bpy.types.MetaBall() if _is_shaded_alone(update):
+            pass  # what of theirs has a material that was edited; another material counts as geometry
         case datablock:
             changes.placed = True
             if update.is_updated_geometry:
                 changes.geometry.add(uid_of(datablock))
+
+
+def _is_shaded_alone(update) -> bool:
+    return update.is_updated_shading and not (update.is_updated_transform or update.is_updated_geometry)

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Mesh, Visibility
+from .changes import uid_of
 from .faults import naming
 from .kept_meshes import KeptMeshes
 from .lights import LampKind, export_light, lamp_kind
@@ -255,6 +256,13 @@ class Placement:
             if settings.type == "HAIR" and settings.render_type == "PATH":
                 what = f"hair of particle system {system.name!r} is not supported and left out"
                 self._notes.warn("object", object_.name, what)
+
+
+def shading_of(object_) -> tuple:
+    """Of an evaluated object, what a `Placement` looks at that Blender counts as its shading, in values to compare."""
+    flags = [getattr(object_, name) for name, _ in VISIBILITY]
+    materials = [slot.material for slot in object_.material_slots] or getattr(object_.data, "materials", None) or []
+    return object_.pass_index, object_.is_holdout, *flags, *map(uid_of, materials)
 
 
 def shows_none(mesh: Mesh, materials: list) -> bool:

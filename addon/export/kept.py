@@ -76,6 +76,10 @@ class Kept:
         self.meshes.finish()
         self.materials = table.exported
 
+    def shaded(self, table: MaterialTable) -> None:
+        """Materials alone have been exported."""
+        self.materials = table.exported
+
     def finish(self, scene: Scene, notes: Notes) -> None:
         """All has been exported, into `scene`, which gets the parts of the last one where they are equal."""
         notes.again(self._image_notes.all)
@@ -131,6 +135,8 @@ def _alike(a: list, b: list) -> bool:
 
 def _equal(a: Instances | Lamp, b: Instances | Lamp) -> bool:
     """Whether two records hold equal arrays and values."""
+    if a is b:
+        return True
     return type(a) is type(b) and all(
         np.array_equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a)
     )

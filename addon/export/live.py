@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+
+import bpy
 
 from ...engine import Scene, Settings
 from .changes import changes_of, uid_of
-from .instances import Placement
+from .instances import Placement, shading_of
 from .kept import Kept, same, take_over
+from .materials.material import MaterialTable
 from .notes import Notes
 from .settings import export_settings
 
@@ -32,6 +35,8 @@ class LiveExport:
         self._scene: Scene | None = None
         self._of: tuple = ()  # the scene and the view layer that it was exported from
         self._kept = Kept()
+        self._table: MaterialTable | None = None  # of the last export of objects, or of materials since
+        self._shading: dict[int, tuple] = {}  # `shading_of` objects, by `uid_of`, as they were exported last
 
     def update(self, depsgraph, shown: Callable[[object], bool] | None = None, anew: bool = False) -> Scene:
         """shown: whether the viewport shows an evaluated object. anew: that is another function than before."""
@@ -43,8 +48,13 @@ class LiveExport:
         self._kept.hear(changes)
         before, self._scene = self._scene or Scene(), None  # after an error all is exported anew
         now = replace(before, world=self._kept.world(depsgraph, Notes()))
-        if anew or changes.placed or changes.nodes:
+        shading = {uid: shading_of(object_) for uid, object_ in changes.shaded.items()}
+        if anew or changes.placed or changes.nodes or not shading.items() <= self._shading.items():
             self._place(depsgraph, shown, now)
+            self._shading = shading  # whose materials are edited once, are edited again
+            take_over(before, now)
+        elif changes.materials:
+            self._shade(depsgraph, changes.materials, now)
             take_over(before, now)
         self._scene = before if same(before, now) else now
         return self._scene
@@ -55,5 +65,14 @@ class LiveExport:
         table = self._kept.table(depsgraph, notes)
         placement = Placement(depsgraph, table, notes, self._kept.stop, self._kept.meshes, shown)
         self._kept.placed(table)
+        self._table = table
         scene.meshes, scene.instances, scene.lights = placement.meshes, placement.instances, placement.lights
         scene.materials = table.materials
+
+    def _shade(self, depsgraph, changed: Mapping[int, bpy.types.Material], scene: Scene) -> None:
+        """Materials alone, into `scene`: no object has others than before."""
+        assert self._table is not None
+        table = self._kept.table(depsgraph, Notes())
+        table.again(self._table, changed)
+        self._kept.shaded(table)
+        self._table, scene.materials = table, table.materials

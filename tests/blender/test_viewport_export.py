@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.lobe.addon.export import LiveExport, export_viewport_settings, instances, kept
+from bl_ext.user_default.lobe.addon.export import LiveExport, export_viewport_settings, instances, kept, live
 from bl_ext.user_default.lobe.addon.export.kept_meshes import KeptMeshes
 from bl_ext.user_default.lobe.addon.export.materials import material as materials
 from bl_ext.user_default.lobe.engine import SceneError
@@ -21,7 +21,7 @@ class Viewport:
     """A `LiveExport` that hears of updates as a viewport does, and counts what it exports."""
 
     def __init__(self, monkeypatch) -> None:
-        self.meshes = self.materials = self.worlds = 0
+        self.meshes = self.materials = self.worlds = self.placements = 0
         self.export = LiveExport()
         self.scene = None
         self.error: Exception | None = None
@@ -29,6 +29,7 @@ class Viewport:
         self._count(instances, "export_mesh", "meshes")
         self._count(materials, "export_material", "materials")
         self._count(kept, "export_world", "worlds")
+        self._count(live, "Placement", "placements")
 
     def _count(self, module, function: str, name: str) -> None:
         whole = getattr(module, function)
@@ -130,6 +131,57 @@ def test_a_material_is_exported_alone(viewport):
     assert exported == (0, 1, 0)
     assert scene.instances is before.instances and scene.meshes is before.meshes and scene.world is before.world
     assert scene.materials is not before.materials
+
+
+def color(number: int, red: float) -> Callable[[], None]:
+    return lambda: paint(number)["Base Color"].__setattr__("default_value", (red, 0, 0, 1))
+
+
+def walks(viewport, *edits: Callable[[], None]) -> int:
+    """How often the edits have all objects looked at. `after` itself exports anew to compare."""
+    before = viewport.placements
+    for edit in edits:
+        viewport.after(edit)
+    return viewport.placements - before - len(edits)
+
+
+def test_a_material_that_is_edited_again_leaves_objects_alone(viewport):
+    """At its first edit nobody knows whether its objects have changed too: Blender lists them all."""
+    assert walks(viewport, color(0, 0.1)) == 1
+    assert walks(viewport, color(0, 0.2), color(0, 0.3)) == 0
+    assert walks(viewport, color(1, 0.2)) == 1
+    assert walks(viewport, color(1, 0.3), lambda: setattr(bpy.data.materials["Paint 1"], "pass_index", 7)) == 0
+    assert walks(viewport, lambda: cube().location.__setitem__(0, 5.0)) == 1
+    assert walks(viewport, color(0, 0.4), color(0, 0.5)) == 1
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda: setattr(cube(), "visible_glossy", False),
+        lambda: setattr(cube(), "is_holdout", True),
+        lambda: setattr(cube(), "pass_index", 3),
+        lambda: setattr(cube(), "hide_viewport", True),
+        lambda: setattr(cube().material_slots[0], "material", bpy.data.materials["Paint 1"]),
+        lambda: setattr(bpy.context.view_layer, "material_override", bpy.data.materials["Paint 1"]),
+        lambda: cube().data.materials.clear(),
+    ],
+    ids=["visibility", "holdout", "pass index", "hidden", "slot", "override", "no slot"],
+)
+def test_an_object_that_changes_beside_its_material(viewport, edit):
+    """`after` compares with a new export."""
+
+    def both() -> None:
+        color(0, 0.5)()
+        edit()
+
+    walks(viewport, color(0, 0.1), color(0, 0.2), both, color(0, 0.6), color(1, 0.6))
+
+
+def test_a_material_of_a_holdout(viewport):
+    cube().is_holdout = True
+    walks(viewport, color(0, 0.1))
+    assert walks(viewport, color(0, 0.2)) == 0
 
 
 def test_a_change_that_makes_no_difference_is_none(viewport):

@@ -82,6 +82,17 @@ class MaterialTable:
             self.materials.append(exported)
         return self._known[key]
 
+    def again(self, before: MaterialTable, changed: Mapping[int, bpy.types.Material]) -> None:
+        """Fill this new table as `before`, with those that have `changed`, by `uid_of`, exported anew."""
+        for (uid, holdout), place in before._known.items():
+            if uid in changed:
+                self.index(changed[uid], holdout)
+            elif place:
+                self._known[uid, holdout] = len(self.materials)
+                self.materials.append(before.materials[place])
+                if uid in before.exported:
+                    self.exported[uid] = before.exported[uid]
+
     def _export(self, uid: int, material) -> Material:
         if uid in self._kept:
             self._notes.again(self._kept[uid].notes)
