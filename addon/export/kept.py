@@ -137,6 +137,8 @@ def _equal(a: Instances | Lamp, b: Instances | Lamp) -> bool:
     """Whether two records hold equal arrays and values."""
     if a is b:
         return True
-    return type(a) is type(b) and all(
-        np.array_equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a)
-    )
+    return type(a) is type(b) and all(_same_value(x, getattr(b, name)) for name, x in vars(a).items())
+
+
+def _same_value(x, y) -> bool:
+    return np.array_equal(x, y) if isinstance(x, np.ndarray) else x == y
