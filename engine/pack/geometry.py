@@ -316,8 +316,8 @@ def _transform_normals(normals: np.ndarray, linear: np.ndarray, out: np.ndarray)
     if np.array_equal(linear, np.eye(3)) and _are_unit(normals):
         out[: len(normals)] = normals
         return
-    x, y, z = linear.T
-    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    columns = linear.T
+    cofactors = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]]).T  # at once: a call takes longer than its sums
     for rows in _chunks(len(normals)):
         turned = normals[rows] @ cofactors.T
         length = np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
