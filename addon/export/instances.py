@@ -116,7 +116,9 @@ class Placement:
 
         read = matrices_at_once if bpy.app.version >= (5, 0, 0) else matrices_one_by_one
         matrices = read(items, len(of_item), self._stop)
-        table, rows = np.array(kinds, np.int32), np.array(of_item, np.intp)
+        # Of a list of named tuples numpy makes an array in ten times as long.
+        numbers = np.fromiter(chain.from_iterable(kinds), np.int32, len(kinds) * len(NOTHING))
+        table, rows = numbers.reshape(len(kinds), -1), np.array(of_item, np.intp)
         self._place_lamps(table[rows, LAMP], matrices)
         return self._gather(table, rows, matrices)
 

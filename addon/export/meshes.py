@@ -14,6 +14,7 @@ from ...engine import Mesh
 from .stop import Stop
 
 TRIANGLE_BYTES = 12  # three 32 bit corners
+FEW = 1000  # triangles, for which asking takes less time than checking where they lie
 
 
 def export_mesh(data, name: str, stop: Stop, with_uvs: bool = False) -> Mesh | None:
@@ -60,8 +61,7 @@ def _triangle_corners(data, count: int) -> np.ndarray:
     """(T, 3) int32, the face corners of each triangle, read-only: it may be Blender's own table."""
     if len(data.loops) == 3 * count == 3 * len(data.polygons):
         return np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    table = _table_in_place(data.loop_triangles)
-    if table is not None:
+    if count > FEW and (table := _table_in_place(data.loop_triangles)) is not None:
         return table
     corners = np.empty(3 * count, np.int32)
     data.loop_triangles.foreach_get("loops", corners)
