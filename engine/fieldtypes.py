@@ -8,9 +8,11 @@ lists in the place of numbers.
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
+from itertools import chain
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,31 @@ def check_fields(record, fail: Callable[[str], Exception]) -> None:
         value = getattr(record, name)
         if not is_right(value):
             raise fail(f"{name} is {_shown(value)}, it must be {wanted}")
+
+
+def check_all(records: Sequence, fail: Callable[[Any, str], Exception]) -> None:
+    """`check_fields` of many dataclasses, in a tenth of the time where all are of everyday types: a scene may have
+    100,000 lamps. fail: gets the record too."""
+    for kind in set(map(type, records)):
+        alike = [record for record in records if type(record) is kind]
+        for field in fields(kind):
+            if not _is_everyday(str(field.type), list(map(attrgetter(field.name), alike))):
+                for record in records:
+                    check_fields(record, partial(fail, record))
+                return
+
+
+def _is_everyday(declared: str, values: list) -> bool:
+    """Whether all values are of types that say already that they are as declared."""
+    types = set(map(type, values))
+    if declared in _EVERYDAY:
+        return types <= _EVERYDAY[declared]
+    if declared == "RGB":
+        triples = types == {tuple} and set(map(len, values)) == {3}
+        return triples and set(map(type, chain.from_iterable(values))) == {float}
+    if declared == "Visibility":
+        return {kind.__name__ for kind in types} == {"Visibility"} and all(map(_is_visibility, set(values)))
+    return False
 
 
 @cache
@@ -87,7 +114,8 @@ def _or_none(check: Callable) -> Callable:
 
 
 def _list_of(check: Callable) -> Callable:
-    return lambda value: isinstance(value, list | tuple) and all(map(check, value))
+    """check: says the same of all that are of one type."""
+    return lambda value: isinstance(value, list | tuple) and all(map(check, {type(v): v for v in value}.values()))
 
 
 def _is_text(value) -> bool:
@@ -115,4 +143,11 @@ _DECLARED: dict[str, tuple[str, Callable]] = {
     "list[Lamp]": ("a list of lamps", _list_of(_is_a("Lamp"))),
     "list[str]": ("a list of texts", _list_of(_is_text)),
     "tuple[str, ...]": ("a tuple of texts", lambda value: isinstance(value, tuple) and all(map(_is_text, value))),
+}
+_EVERYDAY: dict[str, set[type]] = {
+    "str": {str},
+    "bool": {bool},
+    "float": {float},
+    "np.ndarray": {np.ndarray},
+    "np.ndarray | None": {np.ndarray, type(None)},
 }

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import chain, compress
 
 import numpy as np
 
 from .errors import SceneError
-from .fieldtypes import check_fields
+from .fieldtypes import check_all, check_fields
 from .scene import (
     AreaLight,
     Camera,
@@ -80,8 +81,11 @@ def _check_types(scene: Scene) -> None:
     check_fields(scene.instances, partial(scene_error, "instances", "all"))
     check_fields(scene.world, lambda problem: SceneError(f"the world: {problem}"))
     for kind, records in (("mesh", scene.meshes), ("material", scene.materials), ("light", scene.lights)):
-        for record in records:
-            check_fields(record, partial(scene_error, kind, record.name))
+        check_all(records, partial(_record_error, kind))
+
+
+def _record_error(kind: str, record: Mesh | Material | Lamp, problem: str) -> SceneError:
+    return scene_error(kind, record.name, problem)
 
 
 def _camera_error(problem: str) -> SceneError:
@@ -301,19 +305,16 @@ def _check_material(material: Material) -> None:
 def _uncommon(lights: Sequence[Lamp]) -> list[Lamp]:
     """Those that are to be checked one by one: of point lamps only the few whose numbers are not all everyday ones,
     as a scene may hold 100,000 of them."""
-    common = np.zeros(len(lights), bool)
-    points = [(i, light) for i, light in enumerate(lights) if type(light) is PointLight and _is_matrix(light.transform)]
-    if points:
-        matrices = np.array([light.transform for _, light in points]).reshape(len(points), 12)
-        values = np.array([(*light.intensity, light.radius) for _, light in points], np.float64)
-        radius = values[:, 3]
-        fits = (np.abs(matrices) < EVERYDAY).all(axis=1) & ((values >= 0) & (values < EVERYDAY)).all(axis=1)
-        common[[i for i, _ in points]] = fits & ((radius == 0) | (radius > 1 / EVERYDAY))
-    return [light for light, known in zip(lights, common, strict=True) if not known]
-
-
-def _is_matrix(transform: np.ndarray) -> bool:
-    return transform.shape == (3, 4) and transform.dtype == np.float64
+    points = [light for light in lights if type(light) is PointLight]
+    if {(light.transform.shape, light.transform.dtype) for light in points} != {((3, 4), np.dtype(np.float64))}:
+        return list(lights)
+    matrices = np.concatenate([light.transform for light in points]).reshape(-1, 12)
+    intensity = np.fromiter(chain.from_iterable(light.intensity for light in points), float).reshape(-1, 3)
+    radius = np.fromiter((light.radius for light in points), float)
+    everyday = (np.abs(matrices) < EVERYDAY).all(axis=1) & ((intensity >= 0) & (intensity < EVERYDAY)).all(axis=1)
+    everyday &= (radius == 0) | ((radius > 1 / EVERYDAY) & (radius < EVERYDAY))
+    common = set(map(id, compress(points, everyday)))
+    return [light for light in lights if id(light) not in common]
 
 
 def _check_light(light: Lamp) -> None:

@@ -19,6 +19,7 @@ from engine.scene import (
     Scene,
     SpotLight,
     SunLight,
+    Visibility,
     World,
 )
 
@@ -441,9 +442,30 @@ def test_a_mesh_under_another_name_is_named_by_its_object():
     )
 
 
-@pytest.mark.parametrize("change", [{"radius": NAN}, {"intensity": (1, -1, 1)}, {"transform": np.full((3, 4), INF)}])
-def test_one_bad_lamp_among_many_is_named(change):
-    lamps = [PointLight(f"Lamp {i}", intensity=(1, 1, 1), radius=0.1) for i in range(50)]
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"radius": NAN},
+        {"intensity": (1.0, -1.0, 1.0)},
+        {"transform": np.full((3, 4), INF)},
+        {"radius": "wide"},
+        {"radius": 1 << 70},
+        {"intensity": (1.0, 1.0)},
+        {"intensity": (1.0, "much", 1.0)},
+        {"intensity": np.ones((1, 3))},
+        {"transform": np.ma.masked_array(np.eye(3, 4))},
+        {"transform": np.eye(4)},
+        {"cast_shadow": 1},
+        {"soft_falloff": None},
+        {"visibility": 99},
+        {"visibility": Visibility(99)},
+        {"visibility": [1]},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("one", [1.0, 1], ids=["everyday", "whole numbers"])
+def test_one_bad_lamp_among_many_is_named(change, one):
+    lamps = [PointLight(f"Lamp {i}", intensity=(one, one, one), radius=0.1) for i in range(50)]
     scene = Scene(camera=scenes.camera(), lights=lamps)
     scene.validate()
     scene.lights[30] = replace(lamps[30], **change)
