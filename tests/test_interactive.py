@@ -441,4 +441,4 @@ def test_a_thousand_edits_leave_no_memory_behind(watcher, figure):
     before = edit(200)
     grown = edit(1000) - before
     figure(f"interactive: {grown / 1e6:+.1f} MB over 1,000 edits")
-    assert grown < 30e6
+    assert grown < 10e6
