@@ -48,6 +48,8 @@ def _is_everyday(declared: str, values: list) -> bool:
     types = set(map(type, values))
     if declared in _EVERYDAY:
         return types <= _EVERYDAY[declared]
+    if declared == "int":
+        return types == {int} and min(values) >= _LEAST and max(values) <= _MOST
     if declared == "RGB":
         triples = types == {tuple} and set(map(len, values)) == {3}
         return triples and set(map(type, chain.from_iterable(values))) == {float}

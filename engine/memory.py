@@ -79,7 +79,7 @@ def _largest_first(need: dict[str, int]) -> dict[str, int]:
 
 
 def foresee(need: dict[str, int]) -> None:
-    """Raises LobeError where there is certainly not so much memory."""
+    """Raises LobeError where there is certainly not so much memory. What is `SMALL` isn't asked about."""
     wanted = sum(need.values())
     if wanted <= SMALL:
         return

@@ -24,8 +24,9 @@ class Changes:
     """What has to be exported again.
 
     placed     where objects stand, which there are, and the lamps
-    shaded     by `uid_of`, evaluated objects of which Blender says that their shading alone has changed: it does so of
-               all that have a material that was edited, and of those that have another one, or that other rays see
+    shaded     by `uid_of`, evaluated objects of which Blender says that their shading alone has changed. That is so of
+               all that have a material that was edited, and of what other rays see; but it is also all that is said of
+               one that a driver hides (what keys change is said by the action, which is listed too)
     geometry   `uid_of` objects and of their data whose surfaces were evaluated again
     materials  these, evaluated, by `uid_of`
     nodes      node groups or images, which any material, lamp and world may use
@@ -40,6 +41,11 @@ class Changes:
     nodes: bool = False
     images: bool = False
     world: bool = False
+
+    @property
+    def is_shading(self) -> bool:
+        """Whether surfaces may look otherwise."""
+        return bool(self.materials or self.shaded)
 
 
 def changes_of(updates) -> Changes:

@@ -42,6 +42,14 @@ VISIBILITY = (
 )
 
 
+# Of an object, beside its materials. Where instances stand on faces, their size may be driven too.
+SHADING = (
+    *(name for name, _ in VISIBILITY), "is_holdout", "pass_index", "hide_viewport", "hide_render",
+    "show_instancer_for_viewport", "show_instancer_for_render", "instance_type", "use_instance_vertices_rotation",
+    "use_instance_faces_scale", "instance_faces_scale",
+)  # fmt: skip
+
+
 class Kind(NamedTuple):
     """What equal items of `object_instances` have in common; mesh -1 places no mesh, lamp -1 no lamp."""
 
@@ -261,10 +269,10 @@ class Placement:
 
 
 def shading_of(object_) -> tuple:
-    """Of an evaluated object, what a `Placement` looks at that Blender counts as its shading, in values to compare."""
-    flags = [getattr(object_, name) for name, _ in VISIBILITY]
+    """Of an evaluated object, what a `Placement` depends on and `Changes.shaded` doesn't tell apart, to be compared."""
+    flags = [getattr(object_, name) for name in SHADING]
     materials = [slot.material for slot in object_.material_slots] or getattr(object_.data, "materials", None) or []
-    return object_.pass_index, object_.is_holdout, *flags, *map(uid_of, materials)
+    return (*flags, *map(uid_of, materials))
 
 
 def shows_none(mesh: Mesh, materials: list) -> bool:

@@ -141,4 +141,6 @@ def _equal(a: Instances | Lamp, b: Instances | Lamp) -> bool:
 
 
 def _same_value(x, y) -> bool:
-    return np.array_equal(x, y) if isinstance(x, np.ndarray) else x == y
+    if isinstance(x, np.ndarray) or isinstance(y, np.ndarray):
+        return np.array_equal(x, y)
+    return x == y

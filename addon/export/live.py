@@ -36,7 +36,8 @@ class LiveExport:
         self._of: tuple = ()  # the scene and the view layer that it was exported from
         self._kept = Kept()
         self._table: MaterialTable | None = None  # of the last export of objects, or of materials since
-        self._shading: dict[int, tuple] = {}  # `shading_of` objects, by `uid_of`, as they were exported last
+        # `shading_of` the objects, by `uid_of`, whose shading alone had changed when all objects were exported last.
+        self._shading: dict[int, tuple] = {}
 
     def update(self, depsgraph, shown: Callable[[object], bool] | None = None, anew: bool = False) -> Scene:
         """shown: whether the viewport shows an evaluated object. anew: that is another function than before."""
@@ -49,7 +50,8 @@ class LiveExport:
         before, self._scene = self._scene or Scene(), None  # after an error all is exported anew
         now = replace(before, world=self._kept.world(depsgraph, Notes()))
         shading = {uid: shading_of(object_) for uid, object_ in changes.shaded.items()}
-        if anew or changes.placed or changes.nodes or not shading.items() <= self._shading.items():
+        shaded = shading.items() <= self._shading.items() and self._table is not None and self._table.lasting
+        if anew or changes.placed or changes.nodes or (changes.is_shading and not shaded):
             self._place(depsgraph, shown, now)
             self._shading = shading  # whose materials are edited once, are edited again
             take_over(before, now)

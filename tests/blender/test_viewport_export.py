@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from types import SimpleNamespace
@@ -71,12 +72,15 @@ def viewport(monkeypatch) -> Iterator[Viewport]:
     add_object("Lamp", bpy.data.lights.new("Lamp", "POINT"), (0, 0, 5)).data.energy = 10
     scene.camera = add_object("Camera", bpy.data.cameras.new("Camera"), (0, 0, 9))
     viewport = Viewport(monkeypatch)
-    bpy.app.handlers.depsgraph_update_post.append(viewport.hear)
+    handlers = bpy.app.handlers.depsgraph_update_post, bpy.app.handlers.frame_change_post
+    for handler in handlers:
+        handler.append(viewport.hear)
     bpy.context.view_layer.update()
     assert viewport.counts() == (2, 2, 1)
     assert len(viewport.scene.instances) == 3 and len(viewport.scene.lights) == 1
     yield viewport
-    bpy.app.handlers.depsgraph_update_post.remove(viewport.hear)
+    for handler in handlers:
+        handler.remove(viewport.hear)
 
 
 def new_with_nodes(collection, name: str):
@@ -176,6 +180,47 @@ def test_an_object_that_changes_beside_its_material(viewport, edit):
         edit()
 
     walks(viewport, color(0, 0.1), color(0, 0.2), both, color(0, 0.6), color(1, 0.6))
+
+
+@pytest.mark.parametrize("how", ["driven", "keyed"])
+def test_an_object_that_is_hidden_in_the_frame_in_which_its_material_changes(viewport, how):
+    scene, socket = bpy.context.scene, paint(0)["Base Color"]
+    if how == "driven":
+        socket.driver_add("default_value", 0).driver.expression = "frame / 10"
+        cube().driver_add("hide_viewport").driver.expression = "frame % 2"
+    else:
+        for frame in range(1, 9):
+            socket.default_value[0], cube().hide_viewport = frame / 10, bool(frame % 2)
+            socket.keyframe_insert("default_value", frame=frame)
+            cube().keyframe_insert("hide_viewport", frame=frame)
+    for frame in range(1, 9):
+        viewport.after(lambda frame=frame: scene.frame_set(frame))
+
+
+def test_a_surface_with_an_image_sequence(viewport, tmp_path):
+    """No update names it when the frame changes: it is exported whenever any material is."""
+    for number, red in ((1, 0.0), (2, 1.0)):
+        still = bpy.data.images.new(f"Still {number}", 2, 2)
+        still.pixels = [red, 0.5, 0.0, 1.0] * 4
+        still.filepath_raw, still.file_format = str(tmp_path / f"still_{number:04}.png"), "PNG"
+        still.save()
+    tree = bpy.data.materials["Paint 0"].node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(str(tmp_path / "still_0001.png"))
+    texture.image.source = "SEQUENCE"
+    texture.image_user.frame_duration, texture.image_user.use_auto_refresh = 2, True
+    viewport.after(lambda: tree.links.new(texture.outputs["Color"], paint(0)["Base Color"]))
+    for frame in (1, 2, 1, 2):
+        bpy.context.scene.frame_set(frame)
+        walks(viewport, color(1, frame / 10), color(1, frame / 20))
+
+
+def test_a_scene_without_surfaces(viewport):
+    for object_ in [o for o in bpy.data.objects if o.type == "MESH"]:
+        bpy.data.objects.remove(object_)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not len(LiveExport().update(bpy.context.evaluated_depsgraph_get()).instances)
 
 
 def test_a_material_of_a_holdout(viewport):

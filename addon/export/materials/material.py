@@ -49,7 +49,8 @@ class MaterialTable:
     """Materials in the order they were first asked for; index 0 is the default of objects without any.
 
     exported  by `uid_of`, those that are the same in the next frame if nothing has changed
-    kept      the same of an export before
+    lasting   whether those are all of them
+    kept      `exported` of an export before
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class MaterialTable:
     ) -> None:  # fmt: skip
         self.materials: list[Material] = [DEFAULT_MATERIAL]
         self.exported: dict[int, Exported] = {}
+        self.lasting = True
         self._notes = notes
         self._images = images
         self._override = override  # The view layer's material override, which replaces all others.
@@ -83,14 +85,15 @@ class MaterialTable:
         return self._known[key]
 
     def again(self, before: MaterialTable, changed: Mapping[int, bpy.types.Material]) -> None:
-        """Fill this new table as `before`, with those that have `changed`, by `uid_of`, exported anew."""
+        """Fill this new table as `before`, which was `lasting`, with those that have `changed`, by `uid_of`, exported
+        anew."""
         for (uid, holdout), place in before._known.items():
             if uid in changed:
                 self.index(changed[uid], holdout)
             elif place:
                 self._known[uid, holdout] = len(self.materials)
                 self.materials.append(before.materials[place])
-                if uid in before.exported:
+                if uid in before.exported:  # all but the default of objects without any
                     self.exported[uid] = before.exported[uid]
 
     def _export(self, uid: int, material) -> Material:
@@ -103,6 +106,8 @@ class MaterialTable:
             exported = export_material(material, notes, self._images, self._stop)
         if self._images.lasting():
             self.exported[uid] = Exported(exported, notes.all)
+        else:
+            self.lasting = False
         return exported
 
 
