@@ -748,14 +748,16 @@ def test_switching_the_add_on_off_and_on(scene, part, checked) -> None:
 def test_what_matters_most_comes_first(scene, part, checked) -> None:
     """The gloss of Principled BSDFs, of which there are many, is last of what isn't drawn quite as asked."""
     for number in range(3):
-        material, node = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
+        material, _ = new_material(f"Shiny {number}", "ShaderNodeBsdfPrincipled")
         add_object(f"Ball {number}", plane_mesh()).data.materials.append(material)
-    node.inputs["Diffuse Roughness"].default_value = 0.5
+    add_object("Chalk", plane_mesh()).data.materials.append(
+        new_material("Chalk", "ShaderNodeBsdfDiffuse", Roughness=1)[0]
+    )
     shader("ShaderNodeBsdfGlass")
     lamp().energy, lamp().specular_factor = -1.0, 0.5
     groups = checked()
     assert [group.level for group in groups] == ["ERROR", "WARNING", "APPROXIMATED", "APPROXIMATED", "SKIPPED"]
-    assert "diffuse roughness" in groups[2].what and groups[3].what == part("export.notes").PRINCIPLED_GLOSS
+    assert "Diffuse BSDF's roughness" in groups[2].what and groups[3].what == part("export.notes").PRINCIPLED_GLOSS
 
 
 def test_what_is_drawn_nearly_as_asked_is_not_as_asked(scene, part) -> None:
