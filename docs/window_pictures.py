@@ -132,7 +132,7 @@ def steps():
         yield 1.0
     bpy.ops.lobe.check_scene()
     yield 1.0
-    show("scene_report", 432)
+    show("scene_report", 446)
 
 
 def run() -> None:

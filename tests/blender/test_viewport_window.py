@@ -103,6 +103,7 @@ def test_figures(seen, record) -> None:
     where = {"Blender": seen["blender"], "viewport": f"{width} x {height}", "triangles": f"{seen['triangles']:,}"}
     figures = {f"ms from an edit to its first drawn picture: {name}": seen["milliseconds"][name] for name in EDITS}
     figures["new pictures a second while orbiting"] = seen["orbit"]["updates"]
+    figures["redraws a second while orbiting in Solid, which are Blender's alone"] = seen["orbit in Solid"]["ticks"]
     figures["s without any reaction, at most, while the first kernel compiles"] = seen["standstill"]["rendered"]
     figures["s of the processor for each second at rest"] = seen["idle"]
     assert all(value > 0 for value in figures.values()), "a figure that was never taken"

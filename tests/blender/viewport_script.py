@@ -136,7 +136,7 @@ def make_scene(rings: int) -> None:
     SEEN["triangles"] = sum(len(face.vertices) - 2 for data in bpy.data.meshes for face in data.polygons)
 
 
-def orbit(seconds: float):
+def orbit(name: str, seconds: float):
     """Turn the view at every tick; how many new pictures there were in a second, and how often Blender drew."""
     view = areas()[0].spaces.active.region_3d
     first, begun, ticks = len(drawn), time.perf_counter(), 0
@@ -144,7 +144,7 @@ def orbit(seconds: float):
         view.view_rotation = Quaternion((0, 0, 1), 0.01) @ view.view_rotation
         ticks += 1
         yield 0.01
-    SEEN["orbit"] = {"updates": (len(drawn) - first) / seconds, "ticks": ticks / seconds}
+    SEEN[name] = {"updates": (len(drawn) - first) / seconds, "ticks": ticks / seconds}
 
 
 def steps():
@@ -154,9 +154,10 @@ def steps():
     watch_exports()
     SEEN["threads"]["before"] = threads()
     view, data = areas()[0].spaces.active.region_3d, bpy.data
+    yield from orbit("orbit in Solid", 3.0)
     yield from step("rendered", lambda: shading("RENDERED"))
     yield from step("moved", lambda: setattr(view, "view_distance", view.view_distance * 0.8))
-    yield from orbit(3.0)
+    yield from orbit("orbit", 3.0)
     yield from until(finished)
     inputs = data.materials["Material"].node_tree.nodes["Principled BSDF"].inputs
     yield from step("material", lambda: setattr(inputs["Base Color"], "default_value", (1.0, 0.0, 0.0, 1.0)))
