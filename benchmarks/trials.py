@@ -11,8 +11,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -36,6 +38,8 @@ from tools.render import resolution, whole_number
 KERNELS = "engine/kernels/"
 REFERENCE_SEED = 10_001
 MARKS = "<!-- the list of trials.py -->\n", "<!-- its end -->\n"
+TIME_NOISE = 0.03  # of a ratio of seconds, the standard error of its logarithm: renders in turn differ by about that
+NORMAL_95 = 1.96
 WORKER = Path(__file__).resolve().parent / "trial_worker.py"
 
 
@@ -397,11 +401,12 @@ def list_of_tried(rows: list[dict[str, str]]) -> str:
     table = []
     for trial in TRIALS:
         if trial.name in measured:
-            gain, low, high = gain_with_interval(costs(measured[trial.name]), trial.kept)
+            gain, scenes = gain_of(costs(measured[trial.name]), trial.kept)
             table.append(
                 {
                     "tried": trial.tried,
-                    "gain": f"{gain:.2f} ({low:.2f} to {high:.2f})" + (": no difference" if low <= 1 <= high else ""),
+                    "gain": gain,
+                    "least and most": scenes,
                     "price": trial.price,
                     "kept": "yes" if trial.kept else "no",
                 }
@@ -409,18 +414,29 @@ def list_of_tried(rows: list[dict[str, str]]) -> str:
     return common.markdown(table)
 
 
-def costs(row: dict[str, str]) -> list[float]:
-    """Of a row of trials.csv, relMSE x seconds on each scene, as a multiple of the engine's own."""
-    return [float(text.split()[0]) for column, text in row.items() if column not in ("instead", "geometric mean")]
+def costs(row: dict[str, str]) -> dict[str, tuple[float, float]]:
+    """Of a row of trials.csv, for each scene relMSE x seconds as a multiple of the engine's own, and the standard error
+    of its logarithm."""
+    found = {}
+    for scene, text in row.items():
+        if scene not in ("instead", "geometric mean"):
+            cost, _, error, uncertain = map(float, re.findall(r"[\d.]+", text))
+            found[scene] = cost, math.hypot(uncertain / error, TIME_NOISE)
+    return found
 
 
-def gain_with_interval(costs: list[float], kept: bool) -> tuple[float, float, float]:
-    """Geometric mean over the scenes, and its 95 % interval by Student's t: what another such scene set might say."""
-    logs = np.log(costs) * (1 if kept else -1)
-    middle, half = logs.mean(), 0.0
-    if len(logs) > 1:
-        half = float(stats.t.ppf(0.975, len(logs) - 1) * stats.sem(logs))
-    return float(np.exp(middle)), float(np.exp(middle - half)), float(np.exp(middle + half))
+def gain_of(found: dict[str, tuple[float, float]], kept: bool) -> tuple[str, str]:
+    """Geometric mean over the scenes with its 95 % interval as it was measured, and what it is where it is least and
+    most."""
+    sign = 1 if kept else -1
+    logs = {scene: sign * math.log(cost) for scene, (cost, _) in found.items()}
+    middle = sum(logs.values()) / len(logs)
+    half = NORMAL_95 * math.hypot(*(noise for _, noise in found.values())) / len(logs)
+    interval = f"{math.exp(middle):.2f} ({math.exp(middle - half):.2f} to {math.exp(middle + half):.2f})"
+    if abs(middle) <= half:
+        interval += ": no difference"
+    least, most = min(logs, key=logs.__getitem__), max(logs, key=logs.__getitem__)
+    return interval, f"{math.exp(logs[least]):.2f} on {least}, {math.exp(logs[most]):.2f} on {most}"
 
 
 NOTE = """\
