@@ -38,8 +38,8 @@ def test_the_list_of_what_was_tried_turns_gains_about(trials):
     """A technique that the engine has gains what its trial lost; one that it hasn't, what its trial gained."""
     lines = trials.list_of_tried([row("no roulette", 1.25, 1.25), row("balance heuristic", 1.25, 1.25)]).splitlines()
     assert [line.split(" | ")[1:] for line in lines[2:]] == [
-        ["1.25 (1.20 to 1.30)", "1.25 on scene 0, 1.25 on scene 0", "a random number for each vertex", "yes |"],
-        ["0.80 (0.77 to 0.84)", "0.80 on scene 0, 0.80 on scene 0", "none", "no |"],
+        ["1.25 (1.17 to 1.33)", "1.25 on scene 0, 1.25 on scene 0", "a random number for each vertex", "yes |"],
+        ["0.80 (0.75 to 0.85)", "0.80 on scene 0, 0.80 on scene 0", "none", "no |"],
     ]
 
 
@@ -50,15 +50,15 @@ def row(name: str, *costs: float) -> dict[str, str]:
 
 
 def test_a_gain_that_noise_could_be_is_none(trials):
-    """Two scenes: half the sum of what is uncertain about each, 3 % of its seconds and its relMSE's standard error."""
-    found = trials.costs(row("no roulette", 0.9, 1.25))
-    assert found["scene 1"] == (1.25, pytest.approx(np.hypot(0.01 / 1.25, 0.03)))
+    """Two scenes: what is uncertain about each is TIME_NOISE of its seconds and its relMSE's standard error."""
+    found = trials.costs(row("no roulette", 0.9, 1.5))
+    assert found["scene 1"] == (1.5, pytest.approx(np.hypot(0.01 / 1.5, trials.TIME_NOISE)))
     gain, scenes = trials.gain_of(found, True)
-    middle = (0.9 * 1.25) ** 0.5
-    half = 1.96 * np.hypot(np.hypot(0.01 / 0.9, 0.03), np.hypot(0.01 / 1.25, 0.03)) / 2
+    middle = (0.9 * 1.5) ** 0.5
+    half = 1.96 * np.hypot(np.hypot(0.01 / 0.9, trials.TIME_NOISE), np.hypot(0.01 / 1.5, trials.TIME_NOISE)) / 2
     assert gain == f"{middle:.2f} ({middle * np.exp(-half):.2f} to {middle * np.exp(half):.2f})"
-    assert scenes == "0.90 on scene 0, 1.25 on scene 1"
-    assert trials.gain_of(found, False)[1] == "0.80 on scene 1, 1.11 on scene 0"
+    assert scenes == "0.90 on scene 0, 1.50 on scene 1"
+    assert trials.gain_of(found, False)[1] == "0.67 on scene 1, 1.11 on scene 0"
     assert trials.gain_of(trials.costs(row("no roulette", 0.97, 1.05)), True)[0].endswith(": no difference")
 
 
