@@ -25,6 +25,7 @@ from .settings import Settings
 TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
 TILES = 64  # at least, also in small pictures, as long as they fill a batch of paths
 TILES_PER_THREAD = 8  # at least, so that the threads end a pass together
+LARGEST = np.finfo(np.float32).max  # a clamp beyond it limits nothing
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
@@ -129,6 +130,6 @@ def limits_of(features: Features, settings: Settings) -> Limits:
         np.int32(bounces),
         np.int32(settings.diffuse_bounces),
         np.int32(settings.glossy_bounces),
-        np.float32(settings.clamp_direct),
-        np.float32(settings.clamp_indirect),
+        np.float32(min(settings.clamp_direct, LARGEST)),
+        np.float32(min(settings.clamp_indirect, LARGEST)),
     )
