@@ -12,6 +12,9 @@ from typing import NamedTuple
 POINT, SPHERE, DISK, RECTANGLE, ELLIPSE = 1, 2, 4, 8, 16
 SPOT = 32  # a bit on top of POINT, SPHERE or DISK
 
+# How rays find the lamps that they can meet, as bits: a few are listed, and each is asked; many are in Embree's scene.
+LISTED_LAMPS, TRACED_LAMPS = 1, 2
+
 # How one of several emitters is chosen.
 NO_EMITTER, ONE_EMITTER, EMITTER_TREE = 0, 1, 2
 
@@ -29,7 +32,7 @@ class Features(NamedTuple):
     mesh_emitters: int = 0  # some surface emits
     rectangle_emitters: int = 0  # some emissive triangles come in pairs that are rectangles
     lamp_kinds: int = 0  # bits, see above
-    lamp_shapes: int = 0  # some lamp has a size that rays can meet
+    lamp_shapes: int = 0  # LISTED_LAMPS or TRACED_LAMPS: some lamp has a size that rays can meet
     unshadowed: int = 0  # some lamp casts no shadow
     ray_kinds: int = 0  # diffuse and glossy rays differ in what they see or how far they go
     shared_light: int = 1  # shadow rays and all others see the same objects; where not, see kernels/mis.py
@@ -86,7 +89,7 @@ EVERYTHING = {
     "mesh_emitters": 1,
     "rectangle_emitters": 1,
     "lamp_kinds": POINT | SPHERE | DISK | RECTANGLE | ELLIPSE | SPOT,
-    "lamp_shapes": 1,
+    "lamp_shapes": LISTED_LAMPS | TRACED_LAMPS,
     "unshadowed": 1,
     "ray_kinds": 1,
     "emitter_choice": EMITTER_TREE,

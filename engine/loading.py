@@ -13,13 +13,24 @@ import numpy as np
 
 from . import elsewhere, tiles
 from .compilation import Compilation, loading_callback
-from .features import CONSTANT_WORLD, DISK, EMITTER_TREE, EVERYTHING, IMAGE_WORLD, ONE_EMITTER, RECTANGLE, Features
+from .features import (
+    CONSTANT_WORLD,
+    DISK,
+    EMITTER_TREE,
+    EVERYTHING,
+    IMAGE_WORLD,
+    LISTED_LAMPS,
+    ONE_EMITTER,
+    RECTANGLE,
+    Features,
+)
 from .film import Film
 from .kernels.embree import build_monitor, lamp_filter
 from .kernels.jit import CACHE_FOLDER, lost_cache
 from .kernels.records import COUNTERS
 from .lighttree import build_nodes, load_builder
 from .pack import Packed, pack
+from .pack.lamps import MOST_LISTED_FLAT
 from .result import Doing
 from .scene import Camera, Scene
 from .settings import Settings
@@ -32,7 +43,7 @@ COMMON = {"kernels": "of common scenes"}  # to mark that they are all there
 def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[float], Doing], Callable]]:
     """What loads or compiles the functions that packing the scene needs, each after what to say meanwhile. halt: see
     `get_kernel`."""
-    for make in (build_monitor, lamp_filter) if scene.lights else (build_monitor,):
+    for make in (build_monitor, lamp_filter) if len(scene.lights) > MOST_LISTED_FLAT else (build_monitor,):
         yield partial(loading_callback, elsewhere.is_marked(_callback(make), _cache())), partial(_get_callback, make)
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
         builder = Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache()), BUILDER_ONCE)
@@ -128,7 +139,9 @@ def precompile_common(progress: Callable[[int, int], None]) -> None:
     if _cache() is None or elsewhere.is_marked(COMMON, _cache()):
         return
     glossy = Features(phong=1, smooth=1)
-    lamp_lit = glossy._replace(lamp_kinds=DISK, lamp_shapes=1, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD)
+    lamp_lit = glossy._replace(
+        lamp_kinds=DISK, lamp_shapes=LISTED_LAMPS, emitter_choice=ONE_EMITTER, world=CONSTANT_WORLD
+    )
     mesh_lit = Features(mesh_emitters=1, emitter_choice=EMITTER_TREE)
     common = (
         lamp_lit._replace(smooth=0),  # Blender's default scene

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..features import DARK_WORLD, DISK, IMAGE_WORLD
+from ..features import DARK_WORLD, DISK, IMAGE_WORLD, LISTED_LAMPS, TRACED_LAMPS
 from .embree import (
     INVALID,
     LAMP_COUNT,
@@ -26,6 +26,7 @@ from .jit import device
 from .light.emitters import (
     emission,
     found_by_rays,
+    lamp_distance,
     lamp_seen,
     local_probability,
     sun_seen_pdf,
@@ -37,7 +38,7 @@ from .light.point import disk_distance, inside_lamp
 from .mis import met_light_weight
 from .records import MAX_TRANSPARENT, Light, Ray, Stretch, dimmed, gather, material_color
 from .simd import any_of, at, int32, no, put_at, select, to_index, uint32
-from .tables import CAMERA_RAY, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
+from .tables import CAMERA_RAY, LAMP_MASK, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
 
 
 @device
@@ -52,12 +53,15 @@ def follow(f, tables, memory, ray, stretch, light):
         memory.words,
         reach(f, ray.kind, ray.as_shadow),
     )
-    if f.lamp_shapes:
+    if f.lamp_shapes & TRACED_LAMPS:
         met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
         notes = Notes(words, floats, np.int64(NOTED_LAMPS), words[LAMP_COUNT], stretch.t_near, floats[TFAR])
-        light = gather_lamps(f, tables, notes, ray, stretch.start, light)
+        light = gather_noted_lamps(f, tables, notes, ray, stretch.start, light)
     else:
         met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
+    if f.lamp_shapes & LISTED_LAMPS:
+        stretch = Stretch(stretch.start, stretch.t_near, floats[TFAR])
+        light = gather_listed_lamps(f, tables, ray, stretch, light)
     if not met:
         light = escaped(f, tables, ray, light)
     return met, light
@@ -122,9 +126,14 @@ def reach(f, kind, as_shadow):
     """Embree's mask of what a ray meets. Lamps are left out where light sampling, or the ray that sees as shadow
     rays do, finds all of their light."""
     mask = SHADOW_RAY if as_shadow else kind
-    if f.lamp_shapes and (f.shared_light or as_shadow or kind == CAMERA_RAY):
+    if f.lamp_shapes & TRACED_LAMPS and _meets_lamps(f, kind, as_shadow):
         mask = np.uint32(mask | kind << np.uint32(LAMP_SHIFT))
     return mask
+
+
+@device
+def _meets_lamps(f, kind, as_shadow):
+    return f.shared_light or as_shadow or kind == CAMERA_RAY
 
 
 @device
@@ -180,7 +189,27 @@ class Notes(NamedTuple):
 
 
 @device
-def gather_lamps(f, tables, notes, ray, start, light):
+def gather_listed_lamps(f, tables, ray, stretch, light):
+    """`light` with that of the listed lamps that the ray meets on its stretch."""
+    if not _meets_lamps(f, ray.kind, ray.as_shadow):
+        return light
+    lights = tables.lights
+    behind = length(sub(stretch.start, ray.p))  # of the stretch, from where the ray set out
+    for k in range(len(lights.listed_lamps)):
+        i = lights.listed_lamps[k]
+        if np.uint32(lights.lamps[i, LAMP_MASK]) & ray.kind:
+            distance = lamp_distance(f, lights, i, ray.p, ray.wi)
+            t = distance - behind
+            counts = (distance > ZERO) & (t > stretch.t_near) & (t <= stretch.t_far)
+            if any_of(counts):
+                lamp = to_index(select(counts, int32(i), np.int32(0)))
+                found = gather(f, light, _met_lamp(f, tables, ray, lamp, distance))
+                light = Light(select(counts, found.radiance, light.radiance), light.throughput, light.limit)
+    return light
+
+
+@device
+def gather_noted_lamps(f, tables, notes, ray, start, light):
     """`light` with that of the lamps that were noted on the ray's way from `start` to its hit."""
     i = np.int64(0)
     while any_of(i < notes.count):
@@ -191,7 +220,8 @@ def gather_lamps(f, tables, notes, ray, start, light):
         put_at(notes.words, place + NOTED_PRIM, select(counts, uint32(lamp), INVALID), noted)
         counts = counts & no(_noted_before(notes, i))
         if any_of(counts):
-            found = gather(f, light, _met_lamp(f, tables, notes, ray, lamp, start, place))
+            met_at = add_scaled(start, ray.wi, at(notes.floats, place + NOTED_T))
+            found = gather(f, light, _met_lamp(f, tables, ray, lamp, length(sub(ray.p, met_at))))
             light = Light(select(counts, found.radiance, light.radiance), light.throughput, light.limit)
         i += 1
     return light
@@ -241,11 +271,10 @@ def _noted_before(notes, i):
 
 
 @device
-def _met_lamp(f, tables, notes, ray, lamp, start, place):
-    """Radiance, MIS weight included, of the lamp noted at `place` by a ray on its way from `start`."""
-    lights, p, wi = tables.lights, ray.p, ray.wi
-    distance = length(sub(p, add_scaled(start, wi, at(notes.floats, place + NOTED_T))))
-    radiance, pdf = lamp_seen(f, lights, lamp, p, ray.n, wi, distance)
+def _met_lamp(f, tables, ray, lamp, distance):
+    """Radiance, MIS weight included, of the lamp that a ray meets so far from where it set out."""
+    lights, p = tables.lights, ray.p
+    radiance, pdf = lamp_seen(f, lights, lamp, p, ray.n, ray.wi, distance)
     scattered = ray.pdf > ZERO
     if any_of(scattered):
         radiance = select(scattered & no(found_by_rays(f, lights, lamp, p)), BLACK, radiance)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..features import LISTED_LAMPS, TRACED_LAMPS
 from . import rows
 from .batch import add_at_3, at_3, load_3, put_at_3, rays_at
 from .embree import (
@@ -36,11 +37,11 @@ from .embree import (
 )
 from .embree import U as HIT_U
 from .embree import V as HIT_V
-from .geom.vec import ZERO
+from .geom.vec import ONE, ZERO
 from .jit import AS_WRITTEN, device
-from .met import Notes, gather_lamps, reach
+from .met import Notes, gather_listed_lamps, gather_noted_lamps, reach
 from .parts import credit_lit
-from .records import Light
+from .records import Light, Stretch
 from .simd import (
     WIDTH,
     any_of,
@@ -79,15 +80,17 @@ def trace_all(f, tables, batch, n, kind, limit, first):
         store_parts(packets, TFAR, PACKET_WIDTH, load(paths, rows.T_FAR, i))
         store_parts(words, GEOM_ID, PACKET_WIDTH, INVALID)
         store_parts(words, INST_ID, PACKET_WIDTH, INVALID)
-        if f.lamp_shapes:
+        if f.lamp_shapes & TRACED_LAMPS:
             _forget_lamps(batch.ray)
         if packets_pay(f, first):
             intersect_packets(geometry.accel[0], words, batch.ray, first)
         else:
             intersect_one_by_one(geometry.accel[0], words, batch.ray)
         _keep_hits(f, geometry, batch, i, n)
-        if f.lamp_shapes:
-            _add_lamps(f, tables, batch, i, n, kind, limit)
+        if f.lamp_shapes & TRACED_LAMPS:
+            _add_noted_lamps(f, tables, batch, i, n, kind, limit)
+        if f.lamp_shapes & LISTED_LAMPS:
+            _add_listed_lamps(f, tables, batch, i, n, kind, limit)
 
 
 @device
@@ -122,8 +125,26 @@ def _forget_lamps(ray):
 
 
 @device
-def _add_lamps(f, tables, batch, i, n, kind, limit):
-    """Add the light of the lamps that paths i.. of n have passed to their samples."""
+def _add_listed_lamps(f, tables, batch, i, n, kind, limit):
+    """Add the light of the listed lamps that paths i.. of n have passed to their samples."""
+    paths, within = batch.paths, first_lanes(n - i)
+    t_hit = select(within, load_parts(batch.packets, TFAR, PACKET_WIDTH), -ONE)
+    stretch = Stretch(load_3(paths, rows.START, i), load(paths, rows.T_NEAR, i), t_hit)
+    place, light = _light_of(batch, i, within, limit)
+    light = gather_listed_lamps(f, tables, rays_at(paths, i, kind), stretch, light)
+    put_at_3(batch.samples, rows.LIGHT, place, light.radiance, within)
+
+
+@device
+def _light_of(batch, i, within, limit):
+    """(places of the samples of paths i.., their `Light`)."""
+    place = to_index(select(within, load(batch.path_words, rows.PLACE, i), np.uint32(0)))
+    return place, Light(at_3(batch.samples, rows.LIGHT, place), load_3(batch.paths, rows.THROUGHPUT, i), limit)
+
+
+@device
+def _add_noted_lamps(f, tables, batch, i, n, kind, limit):
+    """Add the light of the lamps that Embree has noted on the way of paths i.. of n to their samples."""
     paths, notes_of, within = batch.paths, batch.ray, first_lanes(n - i)
     counts = lanes() * np.uint32(note_words(notes_of)) + np.uint32(LAMP_COUNT)
     count = select(within, at(notes_of.words, counts), np.uint32(0))
@@ -131,10 +152,8 @@ def _add_lamps(f, tables, batch, i, n, kind, limit):
         return
     t_near, t_hit = load(paths, rows.T_NEAR, i), load_parts(batch.packets, TFAR, PACKET_WIDTH)
     notes = Notes(notes_of.words, notes_of.floats, counts + np.uint32(1), count, t_near, t_hit)
-    ray = rays_at(paths, i, kind)
-    place = to_index(select(within, load(batch.path_words, rows.PLACE, i), np.uint32(0)))
-    light = Light(at_3(batch.samples, rows.LIGHT, place), load_3(paths, rows.THROUGHPUT, i), limit)
-    light = gather_lamps(f, tables, notes, ray, load_3(paths, rows.START, i), light)
+    place, light = _light_of(batch, i, within, limit)
+    light = gather_noted_lamps(f, tables, notes, rays_at(paths, i, kind), load_3(paths, rows.START, i), light)
     put_at_3(batch.samples, rows.LIGHT, place, light.radiance, within)
 
 

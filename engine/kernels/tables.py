@@ -85,6 +85,7 @@ class Lights(NamedTuple):
 
     lamps             (L, 32) float32
     lamp_kind         (L,) int32
+    listed_lamps      (K,) int32: lamps that rays may meet and Embree doesn't know
     lamp_of_quad, lamp_of_sphere  int32: lamp of each lamp geometry's primitive
     emitter_triangle  (E,) uint32, triangle of emitter L + i
     triangle_emitter  (T,) int32, emitter of a triangle, -1: none
@@ -98,6 +99,7 @@ class Lights(NamedTuple):
 
     lamps: np.ndarray
     lamp_kind: np.ndarray
+    listed_lamps: np.ndarray
     lamp_of_quad: np.ndarray
     lamp_of_sphere: np.ndarray
     emitter_triangle: np.ndarray
@@ -110,7 +112,7 @@ class Lights(NamedTuple):
 
     @property
     def shape_count(self) -> int:
-        """How many lamps a ray may meet."""
+        """How many lamps Embree may meet on a ray's way."""
         return len(self.lamp_of_quad) + len(self.lamp_of_sphere)
 
 

@@ -115,7 +115,7 @@ def lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Emi
     out = Emitters(
         bounds=np.concatenate([center - radius, center + radius], axis=1),
         axis=rows[:, t.AXIS : t.AXIS + 3].astype(np.float64),
-        theta_o=np.where(kinds & SPOT, 0.0, np.pi),
+        theta_o=np.full(len(local), np.pi),
         theta_e=np.full(len(local), np.pi / 2),
         power=rows[:, t.RADIANCE : t.RADIANCE + 3] @ LUMINANCE * area,
         two_sided=np.zeros(len(local), np.bool_),
@@ -123,8 +123,11 @@ def lamp_emitters(local: list[Lamp], kinds: np.ndarray, rows: np.ndarray) -> Emi
     for i in np.flatnonzero(kinds & (RECTANGLE | ELLIPSE | SPOT)):
         light, row = local[i], rows[i]
         if isinstance(light, SpotLight):
-            # Seen from the side of a wide lamp the cone's rim shines beyond its angle: keep it conservative.
-            out.theta_e[i] = spot_reach(light)
+            # Seen from the side of a wide lamp the cone's rim shines beyond its angle: keep it conservative. The tree
+            # takes what an emitter sends to fall with the cosine: beyond 90 degrees it must be a cone of axes.
+            reach = spot_reach(light)
+            out.theta_e[i] = min(reach, np.pi / 2)
+            out.theta_o[i] = reach - out.theta_e[i]
         elif isinstance(light, AreaLight):
             corners = corners_of(row)
             out.bounds[i] = [*corners.min(axis=0), *corners.max(axis=0)]

@@ -13,6 +13,9 @@ from ..scene import AreaLight, PointLight, SpotLight, Visibility
 from ..validate import SMALLEST_SIZE
 from .geometry import VERTEX_PADDING
 
+# So many lamps the kernel asks one after the other. In Embree's scene each lamp that a ray meets is a call back, and
+# spheres, be it one, are a second search, as they are kept apart from triangles there.
+MOST_LISTED_ROUND, MOST_LISTED_FLAT = 128, 16
 RAYS_THAT_SEE = Visibility.CAMERA | Visibility.DIFFUSE | Visibility.GLOSSY
 # Below this half spread, 1 / (tan h - h) cancels in float64: its series is 3 / h^3. Its cube must fit float32.
 SMALL_SPREAD, SMALLEST_SPREAD = 1e-3, 1e-10
@@ -95,8 +98,22 @@ def _shape_step(corners: np.ndarray, size: float, reach: float) -> float:
     return max(own, min(SHAPE_STEP_PART * reach, LONGEST_SHAPE_STEP * size))
 
 
-def lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
-    """Embree geometries of the lamps that some ray can meet, by visibility (0: no ray meets it).
+def lamps_that_rays_meet(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(those that the kernel is to ask one after the other, those that are to go into Embree's scene): int32, places in
+    `rows`. masks: which rays see them, 0: none."""
+    seen = masks > 0
+    round_ones = np.flatnonzero(seen & ((kinds & (SPHERE | DISK)) != 0))
+    flat_ones = np.flatnonzero(seen & ((kinds & (RECTANGLE | ELLIPSE)) != 0))
+    flat_ones = flat_ones[np.all(rows[flat_ones, t.SIZE : t.SIZE + 2] > 0, axis=1)]
+    few = len(round_ones) <= MOST_LISTED_ROUND, len(flat_ones) <= MOST_LISTED_FLAT
+    listed = [ones for ones, are_few in zip((round_ones, flat_ones), few, strict=True) if are_few]
+    traced = [ones for ones, are_few in zip((round_ones, flat_ones), few, strict=True) if not are_few]
+    none = [np.zeros(0, np.int64)]
+    return np.concatenate(listed + none).astype(np.int32), np.concatenate(traced + none).astype(np.int32)
+
+
+def lamp_shapes(traced: np.ndarray, kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
+    """Embree geometries of the lamps `traced`, by visibility.
 
     Returns (shapes, kind of each, base of each, lamp of each quad, lamp of each sphere).
     """
@@ -105,15 +122,15 @@ def lamp_shapes(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):
     shape_base: list[int] = []
     of_quad: list[int] = []
     of_sphere: list[int] = []
-    for mask in np.unique(masks[masks > 0]):
-        quads = np.flatnonzero((masks == mask) & ((kinds & (RECTANGLE | ELLIPSE)) != 0))
-        quads = quads[np.all(rows[quads, t.SIZE : t.SIZE + 2] > 0, axis=1)]
+    for mask in np.unique(masks[traced]):
+        seen_so = traced[masks[traced] == mask]
+        quads = seen_so[(kinds[seen_so] & (RECTANGLE | ELLIPSE)) != 0]
         if len(quads):
             shapes.append(_quads(np.array([_shape(rows[i]) for i in quads]), int(mask) << t.LAMP_SHIFT))
             shape_kind.append(t.LAMP_QUADS)
             shape_base.append(len(of_quad))
             of_quad.extend(quads)
-        spheres = np.flatnonzero((masks == mask) & ((kinds & (SPHERE | DISK)) != 0))
+        spheres = seen_so[(kinds[seen_so] & (SPHERE | DISK)) != 0]
         if len(spheres):
             points = np.ascontiguousarray(rows[spheres][:, [t.POSITION, t.POSITION + 1, t.POSITION + 2, t.SIZE]])
             shapes.append(SphereGeometry(points, int(mask) << t.LAMP_SHIFT))

@@ -12,8 +12,10 @@ from ..features import (
     DARK_WORLD,
     EMITTER_TREE,
     IMAGE_WORLD,
+    LISTED_LAMPS,
     NO_EMITTER,
     ONE_EMITTER,
+    TRACED_LAMPS,
 )
 from ..kernels import tables as t
 from ..kernels.geom.vec import LUMINANCE
@@ -23,7 +25,7 @@ from ..scene import BLACK, AreaLight, Camera, Lamp, PointLight, Scene, SunLight,
 from ..validate import SMALLEST_SIZE
 from .emitters import SCATTERED_RAYS, choice_tree, join_emitters, lamp_emitters, mesh_emitters
 from .geometry import PackedGeometry, fresh
-from .lamps import RAYS_THAT_SEE, lamp_shapes, pack_area, pack_points, unit
+from .lamps import RAYS_THAT_SEE, lamp_shapes, lamps_that_rays_meet, pack_area, pack_points, unit
 from .middle import surface_bounds
 
 NO_IMAGE = np.zeros((1, 1, 3), np.float32)
@@ -62,7 +64,8 @@ def pack_lights(
     emitter_triangle, rectangles, triangle_emitter, of_meshes = mesh_emitters(geometry, len(local))
     emitter_mask = geometry.visibility[emitter_triangle]
     masks = rows[:, t.LAMP_MASK].astype(np.int64)
-    shapes, shape_kind, shape_base, of_quad, of_sphere = lamp_shapes(kinds, rows, masks)
+    listed, traced = lamps_that_rays_meet(kinds, rows, masks)
+    shapes, shape_kind, shape_base, of_quad, of_sphere = lamp_shapes(traced, kinds, rows, masks)
     emitters = join_emitters(lamp_emitters(local, kinds, rows), of_meshes)
     count = len(emitters.power)
     world_kind = _world_kind(scene.world)
@@ -74,6 +77,7 @@ def pack_lights(
     tables = t.Lights(
         lamps=rows,
         lamp_kind=kinds,
+        listed_lamps=listed,
         lamp_of_quad=of_quad,
         lamp_of_sphere=of_sphere,
         emitter_triangle=emitter_triangle,
@@ -88,7 +92,7 @@ def pack_lights(
         "mesh_emitters": int(len(emitter_triangle) > 0),
         "rectangle_emitters": int(len(rectangles) > 0),
         "lamp_kinds": int(np.bitwise_or.reduce(kinds)) if len(kinds) else 0,
-        "lamp_shapes": int(bool(shapes)),
+        "lamp_shapes": LISTED_LAMPS * bool(len(listed)) | TRACED_LAMPS * bool(len(traced)),
         "unshadowed": int(any(not light.cast_shadow for light in lit)),
         "emitter_choice": NO_EMITTER if count == 0 else ONE_EMITTER if count == groups == 1 else EMITTER_TREE,
         "ray_kinds": int(_kinds_differ(scene)),

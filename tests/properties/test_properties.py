@@ -28,6 +28,7 @@ from engine.features import (
     EMITTER_TREE,
     EVERYTHING,
     IMAGE_WORLD,
+    LISTED_LAMPS,
     ONE_EMITTER,
     RECTANGLE,
     SPHERE,
@@ -183,7 +184,7 @@ class Kept(NamedTuple):
 
 # Each feature is on in one of these and off in another.
 KERNELS = {
-    "plain": Kept({"lamp_kinds": RECTANGLE, "lamp_shapes": 1, "emitter_choice": ONE_EMITTER}, ("area",)),
+    "plain": Kept({"lamp_kinds": RECTANGLE, "lamp_shapes": LISTED_LAMPS, "emitter_choice": ONE_EMITTER}, ("area",)),
     "emissive": Kept({"mesh_emitters": 1, "rectangle_emitters": 1, "emitter_choice": EMITTER_TREE}),
     "emissive under a sky": Kept(
         {"mesh_emitters": 1, "rectangle_emitters": 1, "emitter_choice": EMITTER_TREE, "transparency": 1, "lens": 1},
@@ -191,7 +192,7 @@ KERNELS = {
     ),
     "glossy": Kept(
         {
-            "phong": 1, "smooth": 1, "lamp_kinds": SPHERE, "lamp_shapes": 1, "emitter_choice": EMITTER_TREE,
+            "phong": 1, "smooth": 1, "lamp_kinds": SPHERE, "lamp_shapes": LISTED_LAMPS, "emitter_choice": EMITTER_TREE,
             "unshadowed": 1, "suns": 1, "sun_disks": 1,
         },
         ("sphere", "wide_sun"),

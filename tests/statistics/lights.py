@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from engine import Scene, Settings
-from engine.features import IMAGE_WORLD, ONE_EMITTER, Features
+from engine.features import IMAGE_WORLD, LISTED_LAMPS, ONE_EMITTER, Features
 from engine.kernels.jit import kernel
 from engine.kernels.light.emitters import lamp_seen, sample_light, sun_seen_pdf, surface_seen_pdf, world_seen
 from engine.kernels.light.groups import group_shares
@@ -24,7 +24,7 @@ from engine.scene import Camera, Material, Mesh, PointLight, World
 from tests.statistics import chi2
 from tests.statistics.drawn import TILTED, UP, Drawn
 
-ALL_LAMPS = Features(lamp_kinds=63, lamp_shapes=1, emitter_choice=ONE_EMITTER)
+ALL_LAMPS = Features(lamp_kinds=63, lamp_shapes=LISTED_LAMPS, emitter_choice=ONE_EMITTER)
 EMITTERS = Features(mesh_emitters=1, rectangle_emitters=1, emitter_choice=ONE_EMITTER)
 SUNS = Features(suns=1, sun_disks=1)
 IMAGES = Features(world=IMAGE_WORLD)

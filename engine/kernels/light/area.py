@@ -65,6 +65,18 @@ def before_shape(lamps, i, p):
 
 
 @device
+def area_lamp_distance(lamps, i, p, wi):
+    """How far from p along wi the shape is by which rays meet the lamp; negative where they miss it."""
+    axis = _vector(lamps, i, AXIS)
+    to_lamp = sub(_vector(lamps, i, POSITION), p)
+    cosine = dot(wi, axis)
+    t = (dot(to_lamp, axis) + at(lamps, i, SHAPE_STEP)) / select(abs(cosine) > TINY, cosine, TINY)
+    off = sub(scale(wi, t), to_lamp)
+    x, y = dot(off, _vector(lamps, i, TO_LOCAL)), dot(off, _vector(lamps, i, TO_LOCAL + 3))
+    return select((abs(x) <= ONE) & (abs(y) <= ONE), t, -ONE)
+
+
+@device
 def sample_rectangle_lamp(lamps, i, p, u1, u2):
     """(wi, t, radiance, pdf), uniform in the solid angle of what p can see."""
     corner, edge_x, edge_y, height = _visible_part(lamps, i, p)

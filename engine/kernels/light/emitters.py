@@ -28,10 +28,26 @@ from ..jit import device
 from ..records import material_color
 from ..simd import any_of, at, int32, no, select, to_index, uint32, words_at
 from ..tables import EMISSION, LAMP_MASK, SHADOW_RAY, SUN_MASK, SUN_UNSHADOWED, UNSHADOWED, WORLD_COLOR, WORLD_MASK
-from .area import before_shape, ellipse_lamp_seen, rectangle_lamp_seen, sample_ellipse_lamp, sample_rectangle_lamp
+from .area import (
+    area_lamp_distance,
+    before_shape,
+    ellipse_lamp_seen,
+    rectangle_lamp_seen,
+    sample_ellipse_lamp,
+    sample_rectangle_lamp,
+)
 from .environment import environment_lookup, sample_environment
 from .groups import group_shares
-from .point import disk_lamp_seen, inside_lamp, sample_disk_lamp, sample_point, sample_sphere_lamp, sphere_lamp_seen
+from .point import (
+    disk_lamp_distance,
+    disk_lamp_seen,
+    inside_lamp,
+    sample_disk_lamp,
+    sample_point,
+    sample_sphere_lamp,
+    sphere_lamp_distance,
+    sphere_lamp_seen,
+)
 from .spherical import rectangle_pdf, sample_rectangle, sample_triangle, triangle_pdf
 from .sun import choose_sun, sample_sun, sun_probability, sun_seen
 from .tree import sample_tree, tree_probability
@@ -209,6 +225,17 @@ def found_by_rays(f, lights, i, p):
     if f.lamp_kinds & DISK:
         found = found & no(_is(f, kind, np.int32(DISK)) & (inside_lamp(lamps, i, p) | (f.transparency != 0)))
     return found
+
+
+@device
+def lamp_distance(f, lights, i, p, wi):
+    """How far from p along wi lamp i, the same for all lanes, is met; negative where it is missed."""
+    kind, lamps = lights.lamp_kind[i], lights.lamps
+    if f.lamp_kinds & (RECTANGLE | ELLIPSE) and kind & np.int32(RECTANGLE | ELLIPSE):
+        return area_lamp_distance(lamps, i, p, wi)
+    if f.lamp_kinds & DISK and kind & np.int32(DISK):
+        return disk_lamp_distance(lamps, i, p, wi)
+    return sphere_lamp_distance(lamps, i, p, wi)
 
 
 @device

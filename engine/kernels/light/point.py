@@ -5,6 +5,8 @@ All have the intensity of a point seen from afar: the radiance of sphere and dis
 
 from __future__ import annotations
 
+import math
+
 from ..geom.frame import to_world
 from ..geom.vec import BLACK, ONE, TINY, ZERO, direction_and_length, dot, negate, scale, sub
 from ..jit import device
@@ -96,6 +98,26 @@ def disk_distance(lamps, i, p, wi):
     """Along wi from p to the plane of the disk, for a ray that meets the disk."""
     axis, distance = direction_and_length(sub(_position(lamps, i), p))
     return distance / max(dot(axis, wi), TINY)
+
+
+@device
+def sphere_lamp_distance(lamps, i, p, wi):
+    """How far from p along wi the sphere is met, from within where it is left; negative where it is missed."""
+    to_lamp, radius = sub(_position(lamps, i), p), at(lamps, i, SIZE)
+    along = dot(to_lamp, wi)
+    off = sub(scale(wi, along), to_lamp)  # from the middle, where the ray is next to it: cancels nothing for far lamps
+    half_squared = radius * radius - dot(off, off)
+    half = math.sqrt(max(half_squared, ZERO))
+    t = along + select(inside_lamp(lamps, i, p), half, -half)
+    return select(half_squared < ZERO, -ONE, t)
+
+
+@device
+def disk_lamp_distance(lamps, i, p, wi):
+    """How far from p along wi the disk is met; negative where it is missed."""
+    t = disk_distance(lamps, i, p, wi)
+    off, radius = sub(scale(wi, t), sub(_position(lamps, i), p)), at(lamps, i, SIZE)
+    return select(dot(off, off) > radius * radius, -ONE, t)
 
 
 @device
