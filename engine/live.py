@@ -1,6 +1,7 @@
 """A scene that is packed once and kept up to date, and the passes over its picture, from coarse to fine.
 
-All samples of a pixel are summed in order, so that a picture that was left alone is bit for bit that of `render`.
+All samples of a pixel are summed in order, so that a picture that was left alone is that of `render`, but for
+roundings: see `tiles_of`.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Result:
     rays      all that were traced, shadow rays included
     road      that rendered it, which is not the one asked for where Numba is missing
     passes    (h, w, channels) float32 of each pass that the settings name, see `engine.PASSES`
-    rejected  contributions that were not finite and are left out of the picture: of light too strong to calculate
+    rejected  samples that were not finite and count as black: of light too strong to calculate
               with, else a defect
     draws_per_direction  points that rejection sampling of the hemisphere drew for a direction, 12 / pi expected; 0
               with the other ways of sampling

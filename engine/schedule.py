@@ -142,7 +142,7 @@ class _Render:
             self.pool.shutdown(wait=False, cancel_futures=True)
         self._develop()
         if result.rejected:
-            result.warnings.append(f"{result.rejected} samples were not finite numbers and were left out")
+            result.warnings.append(f"{result.rejected} samples were not finite numbers and count as black")
         if problem := lost_cache():
             result.warnings.append(problem)
         return result

@@ -23,9 +23,11 @@ from .passes import LIGHT
 from .settings import Settings
 
 TILE_SAMPLES = 1 << 14  # a tile takes some milliseconds: the threads end a pass together
-TILES = 64  # at least, also in small pictures, as long as they fill a batch of paths
-TILES_PER_THREAD = 8  # at least, so that the threads end a pass together
-LARGEST = np.finfo(np.float32).max  # a clamp beyond it limits nothing
+# At least, also in small pictures, as long as they fill a batch of paths: some for each of 64 threads, so that they end
+# a pass together. Not by the number of threads: see `tiles_of`.
+TILES = 256
+TILES_PER_THREAD = 8  # at least, in a viewport
+LARGEST = float(np.finfo(np.float32).max)  # a clamp beyond it limits nothing
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
@@ -37,7 +39,8 @@ def tiles_of(
     region: tuple[int, int, int, int], samples: int, least: int = TILES
 ) -> Iterator[tuple[int, int, int, int]]:
     """Squares (x0, y0, x1, y1) that cover the region, smaller the more samples each pixel gets; `least` of them where
-    there are pixels enough. How a picture is cut changes none of its bits."""
+    there are pixels enough. How a picture is cut changes nothing but roundings: LLVM may have other ways to calculate
+    the same for a vector whose lanes differ in kind. Final renders are cut alike on any number of threads."""
     x0, y0, x1, y1 = region
     size = min(max((x1 - x0) * (y1 - y0) * samples // least, BATCH), TILE_SAMPLES)
     side = max(4, 1 << ((size // samples).bit_length() // 2))

@@ -105,7 +105,7 @@ def _add_lobes(parts, scatterings, share, place, light, mask):
 
 @device
 def add_parts(film, row, column, parts, place, radiance):
-    """Add a sample's parts to their sums. A sample that isn't finite is left out, as in the picture."""
+    """Add a sample's parts to their sums. A sample that isn't finite is black, as in the picture."""
     if not is_finite(radiance[0] + radiance[1] + radiance[2]):
         return
     for part in range(len(film.columns)):

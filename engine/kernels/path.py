@@ -231,7 +231,7 @@ def make_path_kernel(features: Features):
         """Add samples first_sample.. of the pixels of `tile` (x0, y0, x1, y1) to the film, whose pixel (0, 0) is the
         picture's pixel `origin`. half and active are `engine/adaptive.py`'s, one pixel large where it is off, and
         film_parts are `parts.PartSums`, as small where no pass shows a part of the light.
-        counters[REJECTED] counts samples that are not finite and were left out. halt[0]
+        counters[REJECTED] counts samples that are not finite: they count as black. halt[0]
         ends the work before the next pixel. Returns the number of rays traced."""
         memory = RayMemory(ray, ray.view(np.uint32))
         parts = ray[len(ray) - features.light_passes * rows.PART_ROWS :].reshape((-1, 1))

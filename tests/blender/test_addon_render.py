@@ -202,7 +202,7 @@ def test_a_warning_of_several_materials_is_told_once(simple_scene, fake, session
 
 def test_rejected_samples_are_told_once(simple_scene, fake, session, report, monkeypatch, capfd) -> None:
     original = session.lobe.render
-    sentence = "7 samples were not finite numbers and were left out"
+    sentence = "7 samples were not finite numbers and count as black"
 
     def render(*arguments, **options):
         result = original(*arguments, **options)

@@ -79,4 +79,4 @@ def test_a_density_that_is_no_number_is_counted(broken, where: str) -> None:
     rejected, samples, finite, warnings = broken[where]
     assert rejected == pytest.approx(0.1 * samples, rel=0.05)
     assert finite
-    assert f"{rejected} samples were not finite numbers and were left out" in warnings
+    assert f"{rejected} samples were not finite numbers and count as black" in warnings

@@ -10,7 +10,7 @@ from ..records import REJECTED
 @device
 def add_sample(row, column, index, radiance, alpha, sums, samples, half, adaptive, counters):
     """Add sample `index` of a pixel to its sums, and every second one to `half`, which `engine/adaptive.py` compares
-    with them. What isn't finite is counted and left out."""
+    with them. What isn't finite is counted, and is black."""
     samples[row, column] += 1
     if not is_finite(radiance[0] + radiance[1] + radiance[2]):
         counters[REJECTED] += 1
