@@ -216,9 +216,9 @@ def lamp_filter():
 @device
 def intersect_packets(scene, packets, ray, alike):
     """Find the closest hits of the rays in `packets` that are marked in VALID, and note lamps in `ray`, a
-    `RayMemory`. packets: (any number, PACKET_ROWS, PACKET_WIDTH) uint32. alike: the rays start and go alike, which
-    takes a tenth off a render's time; then a ray's neighbours in the packet decide which of two surfaces it meets that
-    lie in the same place."""
+    `RayMemory`. packets: (any number, PACKET_ROWS, PACKET_WIDTH) uint32. alike: the rays start and go alike, for which
+    Embree has other code (a trial in benchmarks/trials.py has what it brings); then a ray's neighbours in the packet
+    decide which of two surfaces it meets that lie in the same place."""
     ray.words[_ARGUMENTS] = _ALIKE if alike else np.uint32(0)
     arguments, row = np.uintp(ray.words.ctypes.data + 4 * _ARGUMENTS), 4 * PACKET_WIDTH
     for i in range(packets.shape[0]):

@@ -29,7 +29,8 @@ KERNEL_FOLDER = Path(__file__).resolve().parent
 KEPT_VERSIONS = 3  # of the kernels: going back to the version before doesn't compile again
 
 # LLVM may reorder sums and contract products into them, and does so by what stands beside them: the same formula in two
-# kernels may differ by a rounding. It takes 2 to 7 % less time. With this variable at 1 it calculates as is written,
+# kernels may differ by a rounding. What that saves is the
+# trial "arithmetic that may be reordered" of benchmarks/trials.py. With this variable at 1 it calculates as is written,
 # for tests that compare bits. No 'nnan' and no 'ninf' ever: the film's check for what is not finite must survive.
 AS_WRITTEN = os.environ.get("LOBE_CALCULATE_AS_WRITTEN") == "1"
 

@@ -4,8 +4,8 @@ camera -> (trace all rays -> shade all hits -> trace all shadow rays), until no 
 vertex is in `vertex`, `direct` and `met`, given vectors. Paths that end make room, so that the registers stay full.
 
 A sample's light is added up in the order of its path, and a pixel's samples in the order of their numbers: what comes
-out depends neither on threads nor, but for roundings, on where batches end. Where two surfaces lie in the same place, which of them a
-camera ray meets depends on the rays in its packet, and so on the region that is rendered.
+out depends neither on threads nor, but for roundings, on where batches end. Where two surfaces lie in the same place,
+which of them a camera ray meets depends on the rays in its packet, and so on the region that is rendered.
 """
 
 from __future__ import annotations

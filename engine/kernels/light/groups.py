@@ -19,9 +19,9 @@ from ..tables import WORLD_IRRADIANCE
 from .sun import suns_importance
 from .tree import tree_importance
 
-# The least that a group counts for, as a part of the strongest. Over scenes where one group is most of the light, 1/4
-# and 1/2 divide the variance of even shares by 1.6 and 1.3; where all of that light is in shadow they multiply it by
-# 2.0 and 1.2.
+# The least that a group counts for, as a part of the strongest: between 1/4, which gains more where one group is most
+# of the light, and 1/2, which loses less where all of that light is in shadow. The trial "lamps, suns and world chosen
+# by what each sends" of benchmarks/trials.py has what the choice gains.
 LEAST_SHARE = np.float32(1 / 3)
 # Two bands of spherical harmonics may turn negative: the least irradiance of the world, as a part of its mean.
 LEAST_IRRADIANCE = np.float32(0.1)

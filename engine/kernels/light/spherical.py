@@ -241,7 +241,7 @@ def _rectangle_point(x0, y0, x1, y1, h, solid_angle, u1, u2):
     X = x / hypot(x, h), the solid angle left of x is E(x) - E(x0) with E = asin(b1 X) - asin(b0 X), and its inverse
     is X = D / hypot(N, b0 D) with (N, D) = (b1 - b0 cos E, sin E). Here (N, D) grows from its known value at x0.
     In float64, because 1 - X^2 cancels where the plane passes close by: at a height of 1e-3, float32 puts 15 % of the
-    samples into the wrong one of 64 cells. That costs 15 ns of 55.
+    samples into the wrong one of 64 cells.
     """
     first_x, last_x, first_y, last_y = x0, x1, y0, y1
     x0, y0, y1, h = float64(x0), float64(y0), float64(y1), float64(h)

@@ -13,9 +13,9 @@ of 2^k of them, k <= TABLE_BITS, has one point in each elementary interval of ar
 - The values are shifted by xor with a hash of pixel, dimension and block. Any number of samples may be drawn:
   each further block of 2^TABLE_BITS gets another shuffle and another shift.
 
-Measured on a small path tracer (diffuse, five bounces, light sampling, roulette) at 64 samples: 1.97 times less error
-than independent numbers; hashed Owen scrambling of every number (Burley 2020) 1.86 times, at two to three times the
-cost; joint four-dimensional points for light and direction 1.97 times, so pairs suffice.
+What it gains over independent numbers is the trial "tabulated Owen-scrambled Sobol points" of benchmarks/trials.py.
+Hashed Owen scrambling of every number (Burley 2020) gains a little less and costs two to three times as much; joint
+four-dimensional points for light and direction gain no more, so pairs suffice.
 
 `start_sample` once for each path, then `sample_1d` and `sample_2d`. Results lie in the open interval (0, 1).
 """

@@ -11,8 +11,8 @@ from numba.core.imputils import lower_cast
 from numba.core.typeconv import Conversion
 from numba.extending import models, register_model
 
-# AVX-512 has registers for so many float32; LLVM takes two or four of them elsewhere. With AVX2, 8 are 3 % faster on
-# plates_phong and world, and 6 % slower on cornell_diffuse.
+# AVX-512 has registers for so many float32; LLVM takes two or four of them elsewhere: the trial "sixteen
+# numbers in a register, not eight" of benchmarks/trials.py.
 WIDTH = 16
 
 I1, I32_WORD, I64 = ir.IntType(1), ir.IntType(32), ir.IntType(64)
