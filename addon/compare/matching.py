@@ -79,16 +79,17 @@ def _quiet_viewports(keeper: Keeper) -> None:
     """Viewports in Rendered mode would take time from the renders: they are Solid for the while. They are told by
     their address, which stays for as long as there is such a space."""
     rendered = {space.as_pointer() for space in _spaces() if space.shading.type == "RENDERED"}
-    for space in _spaces():
-        if space.as_pointer() in rendered:
-            space.shading.type = "SOLID"
 
-    def undo() -> None:
+    def show(before: str, after: str) -> None:
         for space in _spaces():
-            if space.as_pointer() in rendered and space.shading.type == "SOLID":
-                space.shading.type = "RENDERED"
+            if space.as_pointer() in rendered and space.shading.type == before:
+                space.shading.type = after
 
-    keeper.at_end(undo)
+    def quiet() -> None:
+        show("RENDERED", "SOLID")
+
+    quiet()
+    keeper.at_end(lambda: show("SOLID", "RENDERED"), quiet)
 
 
 def _spaces() -> Iterator[bpy.types.SpaceView3D]:

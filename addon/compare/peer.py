@@ -4,7 +4,8 @@ Used by "Compare with Cycles", and through tools/cycles_peer.py by the tools, th
 sample_blends/. Every setting that is touched here is one that changes the expected picture, not its speed; Cycles
 keeps its own sampling pattern, light tree and ray acceleration as they are.
 
-put(owner, key, value) makes each change, so that whoever wants to can take it back; nothing is ever saved to a file.
+put(owner, key, value) makes each change, so that whoever wants to can take it back: a comparison does, also for as long
+as Blender saves a file.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 Put = Callable[[object, str, object], None]
+AtEnd = Callable[[Callable[[], None], Callable[[], None]], None]
 
 PHONG_GROUP_NAME = "Phong BSDF"
 OSL_NODE_NAME = "Phong peer (Open Shading Language)"
@@ -126,30 +128,67 @@ def phong_groups() -> list:
     return [tree for tree in groups if tree.get("lobe_phong") or tree in named]
 
 
-def use_osl_phong(scene, put: Put = setattr, at_end: Callable[[Callable[[], None]], None] = lambda undo: None) -> bool:
+def use_osl_phong(scene, put: Put = setattr, at_end: AtEnd = lambda undo, again: None) -> bool:
     """Put the exact Phong closure into every `Phong BSDF` group and switch Cycles to Open Shading Language.
 
-    at_end is given what undoes each change of a group. Returns whether the file has such a group; without one the
-    shading system stays as it is (it is the faster). Raises NoShader.
+    at_end is given what takes it out of a group, and what puts it in again. Returns whether the file has such a group;
+    without one the shading system stays as it is (it is the faster). Raises NoShader.
     """
     groups = phong_groups()
+    missing = any(OSL_NODE_NAME not in tree.nodes for tree in groups)
+    bytecode = _compile_osl(OSL_SOURCE) if missing else ""  # before any change: this may fail
     for tree in groups:
-        node = tree.nodes.get(OSL_NODE_NAME)
-        if node is None:
-            node = _add_osl_node(tree)
-            at_end(lambda tree=tree: tree.nodes.remove(tree.nodes[OSL_NODE_NAME]))
-        output = next(n for n in tree.nodes if n.bl_idname == "NodeGroupOutput").inputs[0]
-        for old in output.links:  # one at most
-            at_end(lambda tree=tree, source=old.from_socket, output=output: tree.links.new(source, output))
-        tree.links.new(node.outputs["BSDF"], output)
+        exact = _ExactPhong(tree, bytecode)
+        exact.put_in()
+        at_end(exact.take_out, exact.put_in)
     if groups:
         put(scene.cycles, "shading_system", True)
     return bool(groups)
 
 
-def _add_osl_node(tree):
+class _ExactPhong:
+    """The exact closure in one group. The group and what is in it are looked up each time, as an undo makes all of it
+    anew; where that has taken the closure out, or the group is gone, there is nothing left to take out."""
+
+    def __init__(self, tree, bytecode: str) -> None:
+        self._group = tree.session_uid
+        self._bytecode = bytecode
+        self._has_node = OSL_NODE_NAME in tree.nodes  # of the user's own: it stays
+        link = next(iter(_output(tree).links), None)  # one at most
+        self._fed_by = (link.from_node.name, link.from_socket.identifier) if link else None
+
+    def put_in(self) -> None:
+        tree = self._tree()
+        if tree is not None:
+            node = tree.nodes.get(OSL_NODE_NAME) or _add_osl_node(tree, self._bytecode)
+            tree.links.new(node.outputs["BSDF"], _output(tree))
+
+    def take_out(self) -> None:
+        tree = self._tree()
+        if tree is None or OSL_NODE_NAME not in tree.nodes:
+            return
+        if not self._has_node:
+            tree.nodes.remove(tree.nodes[OSL_NODE_NAME])
+        for link in _output(tree).links:
+            tree.links.remove(link)
+        name, identifier = self._fed_by or ("", "")
+        if name in tree.nodes:
+            source = next(socket for socket in tree.nodes[name].outputs if socket.identifier == identifier)
+            tree.links.new(source, _output(tree))
+
+    def _tree(self):
+        import bpy
+
+        return next((tree for tree in bpy.data.node_groups if tree.session_uid == self._group), None)
+
+
+def _output(tree):
+    """The input of the group's output node that takes the surface."""
+    return next(node for node in tree.nodes if node.bl_idname == "NodeGroupOutput").inputs[0]
+
+
+def _add_osl_node(tree, bytecode: str):
     """A script node with compiled code and sockets made by hand: the bpy wheel lacks `oslquery`, which does this."""
-    bytecode = _compile_osl(OSL_SOURCE)  # before the node: this may fail
     node = tree.nodes.new("ShaderNodeScript")
     node.name = node.label = OSL_NODE_NAME
     node.mode = "INTERNAL"

@@ -17,7 +17,7 @@ import numpy as np
 from .. import report
 from . import figures, flip, matching, pictures
 from .figures import Figures, Timing
-from .keeping import Keeper
+from .keeping import Keeper, listening
 from .matching import CompareError
 
 ENGINES = ("LOBE", "CYCLES")
@@ -72,22 +72,19 @@ class _Watch:
         self.begun = self.ended = 0.0
         self.cancelled = False
         self.samples = 0
-        self._handlers = {
-            "render_init": self._begin,
-            "render_complete": self._end,
-            "render_cancel": self._cancel,
-            "render_stats": self._listen,
-        }
+        self._listening = listening(
+            render_init=self._begin,
+            render_complete=self._end,
+            render_cancel=self._cancel,
+            render_stats=self._listen,
+        )
 
     def __enter__(self) -> _Watch:
-        for name, handler in self._handlers.items():
-            getattr(bpy.app.handlers, name).append(handler)
+        self._listening.__enter__()
         return self
 
     def __exit__(self, *_) -> None:
-        for name, handler in self._handlers.items():
-            if handler in getattr(bpy.app.handlers, name):  # opening a file removes them
-                getattr(bpy.app.handlers, name).remove(handler)
+        self._listening.__exit__(None, None, None)
 
     def _begin(self, *_) -> None:
         self.begun = time.perf_counter()
@@ -150,6 +147,8 @@ class Comparison:
                 report.last_report.clear()
                 with _Watch() as watch:
                     yield Step(number, engine, self._name, self._layer)
+                if keeper.undone:  # which also ends a render that is under way
+                    raise CompareError("a step was undone or redone meanwhile")
                 if watch.cancelled:
                     raise Stopped
                 slots.found(NAMES[engine])

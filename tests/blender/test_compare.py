@@ -39,8 +39,13 @@ def settings(owner) -> dict:
         if prop.type in ("POINTER", "COLLECTION") or prop.is_readonly or prop.identifier == "use_nodes":
             continue  # the last says on access that it will be gone
         value = getattr(owner, prop.identifier)
-        found[prop.identifier] = tuple(value) if getattr(prop, "is_array", False) else value
+        found[prop.identifier] = plain(value) if getattr(prop, "is_array", False) else value
     return found
+
+
+def plain(value):
+    """Also the rows of matrices, which go with their datablock."""
+    return tuple(map(plain, value)) if hasattr(value, "__len__") else value
 
 
 def below(datablock) -> list:
@@ -211,7 +216,7 @@ def test_equal_time(scene) -> None:
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_viewports_do_not_render_beside_it(stopped: bool) -> None:
+def test_viewports_do_not_render_beside_it(stopped: bool, tmp_path) -> None:
     """Of this workspace and of another one; where the area becomes another editor meanwhile, they are Rendered when
     the user goes back."""
     bpy.ops.wm.read_homefile(use_factory_startup=True)
@@ -225,6 +230,13 @@ def test_viewports_do_not_render_beside_it(stopped: bool) -> None:
         area.spaces.active.shading.type = "RENDERED"
     steps = compare.Comparison(scene, bpy.context.view_layer).steps()
     operators.render_now(next(steps))
+    assert [area.spaces.active.shading.type for area in (shown, other)] == ["SOLID"] * 2
+    saved = []
+    with compare.run.listening(
+        save_pre=lambda *_: saved.extend(area.spaces.active.shading.type for area in (shown, other))
+    ):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"), copy=True)
+    assert saved == ["RENDERED"] * 2
     assert [area.spaces.active.shading.type for area in (shown, other)] == ["SOLID"] * 2
     shown.type = "IMAGE_EDITOR"
     if not stopped:
@@ -418,6 +430,60 @@ def test_settings_come_back_when_it_is_stopped(phong) -> None:
     next(steps)
     steps.close()
     assert state(phong) == before
+
+
+def saved_state(path: str) -> dict:
+    bpy.ops.wm.open_mainfile(filepath=path)
+    return {part: value for part, value in state(bpy.context.scene).items() if part != "handlers"}
+
+
+def test_a_file_that_is_saved_meanwhile_holds_the_users_settings(phong, tmp_path) -> None:
+    """By Ctrl+S in another window, or by a timer of another add-on. The comparison goes on as it was."""
+    upset(phong)
+    before, paths = state(phong), [str(tmp_path / name) for name in ("before.blend", "meanwhile.blend")]
+    bpy.ops.wm.save_as_mainfile(filepath=paths[0], copy=True)
+    steps = compare.Comparison(phong, bpy.context.view_layer).steps()
+    next(steps)
+    during = state(phong)
+    assert during != before
+    bpy.ops.wm.save_as_mainfile(filepath=paths[1], copy=True)
+    assert state(phong) == during
+    with pytest.raises(RuntimeError, match="Cannot open file"):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "no folder" / "saved.blend"), copy=True)
+    assert state(phong) == during
+    steps.close()
+    assert state(phong) == before
+    assert saved_state(paths[0]) == saved_state(paths[1])
+
+
+def test_undo_ends_a_comparison(phong) -> None:
+    """Also one that takes back what the user did last before it: that isn't put again."""
+    upset(phong)
+    bpy.ops.ed.undo_push(message="The scene")
+    before = state(phong)
+    phong.cycles.samples = 78
+    bpy.ops.ed.undo_push(message="Samples")
+    steps = compare.Comparison(phong, bpy.context.view_layer).steps()
+    next(steps)
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    with pytest.raises(compare.CompareError, match="a step was undone or redone meanwhile"):
+        next(steps)
+    assert state(bpy.context.scene) == before
+
+
+def test_undo_may_take_away_what_is_compared(phong) -> None:
+    """The node group, with the closure that a comparison has put into it."""
+    bpy.ops.ed.undo_push(message="One group")
+    tree = bpy.data.node_groups["Phong BSDF"].copy()
+    bpy.ops.ed.undo_push(message="Two groups")
+    before = len(tree.nodes)
+    steps = compare.Comparison(phong, bpy.context.view_layer).steps()
+    next(steps)
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    with pytest.raises(compare.CompareError, match="a step was undone"):
+        next(steps)
+    (tree,) = bpy.data.node_groups
+    assert len(tree.nodes) == before and tree.nodes["Group Output"].inputs[0].is_linked
 
 
 def test_a_render_without_a_picture_is_no_comparison(scene, monkeypatch) -> None:
