@@ -110,8 +110,10 @@ settings stay as they are"""
 
     def modal(self, context, event):
         """Nothing but its own timer reaches Blender's other operators: they could undo what is being compared."""
-        if event.type == "TIMER" and not is_rendering():
-            return self._next(context)
+        if event.type == "TIMER":
+            _hold_windows(context)
+            if not is_rendering():
+                return self._next(context)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context) -> None:
@@ -169,6 +171,39 @@ settings stay as they are"""
         # Last, where the status bar shows it.
         self.report({"INFO"}, f"Compared. {headline_of(outcome).text}. See Render properties > Compare")
         return {"FINISHED"}
+
+
+class LOBE_OT_hold_window(bpy.types.Operator):
+    """Part of a comparison: until it is over, nothing that is done in this window reaches Blender's other operators"""
+
+    bl_idname = "lobe.hold_window"
+    bl_label = "Hold Window"
+    bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        # So that it ends with the comparison: Blender's autosave waits for every operator that listens.
+        self._timer = context.window_manager.event_timer_add(LOOK, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if running():
+            return {"RUNNING_MODAL"}
+        self.cancel(context)
+        return {"FINISHED", "PASS_THROUGH"}
+
+    def cancel(self, context) -> None:
+        context.window_manager.event_timer_remove(self._timer)
+
+
+def _hold_windows(context) -> None:
+    """Also one that Blender has opened for a render. A step that is done or undone there would have to do with settings
+    that aren't the user's."""
+    holding = {"LOBE_OT_compare_with_cycles", "LOBE_OT_hold_window"}
+    for window in context.window_manager.windows:
+        if holding.isdisjoint(operator.bl_idname for operator in window.modal_operators):
+            with context.temp_override(window=window):
+                bpy.ops.lobe.hold_window("INVOKE_DEFAULT")
 
 
 def _tell(context, text: str) -> None:
@@ -277,7 +312,13 @@ def _forget(*_) -> None:
     _outcomes.clear()
 
 
-_CLASSES = (LobeCompareSettings, LOBE_OT_compare_with_cycles, LOBE_OT_open_comparison, LOBE_OT_save_comparison)
+_CLASSES = (
+    LobeCompareSettings,
+    LOBE_OT_compare_with_cycles,
+    LOBE_OT_hold_window,
+    LOBE_OT_open_comparison,
+    LOBE_OT_save_comparison,
+)
 
 
 def register() -> None:

@@ -25,7 +25,8 @@ def settings() -> list:
     scene = bpy.context.scene
     values = [getattr(scene.cycles, key) for key in ("samples", "seed", "use_adaptive_sampling", "max_bounces")]
     values += [getattr(scene.lobe, key) for key in ("samples", "seed", "time_limit")]
-    handlers = [len(getattr(bpy.app.handlers, name)) for name in ("render_init", "render_cancel", "render_stats")]
+    lists = ("render_init", "render_cancel", "render_stats", "save_pre", "save_post", "undo_post")
+    handlers = [len(getattr(bpy.app.handlers, name)) for name in lists]
     terminator = peer.shadow_terminator(bpy.data.objects["Cube"]).shadow_terminator_geometry_offset
     return [*values, scene.render.engine, scene.render.use_compositing, terminator, handlers]
 
@@ -47,6 +48,14 @@ def running() -> bool:
     return any(operator.bl_idname == "LOBE_OT_compare_with_cycles" for operator in window.modal_operators)
 
 
+def listeners() -> list[list[str]]:
+    """The operators of Lobe's that take the events of each window."""
+    return [
+        [operator.bl_idname for operator in window.modal_operators if operator.bl_idname.startswith("LOBE_")]
+        for window in bpy.context.window_manager.windows
+    ]
+
+
 def press() -> None:
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window, area=window.screen.areas[0]):
@@ -65,6 +74,8 @@ def steps():
     yield from until(rendering)
     SEEN["changed meanwhile"] = settings() != before
     SEEN["said meanwhile"] = operators.running()
+    yield 0.3
+    SEEN["held meanwhile"] = listeners()
     yield from until(lambda: not running())
     SEEN["as before"] = settings() == before
     SEEN["said afterwards"] = operators.running()
@@ -72,16 +83,28 @@ def steps():
     SEEN["size"], SEEN["noise"] = outcome.size, [outcome.figures.noise_lobe, outcome.figures.noise_cycles]
     editors = [a for w in bpy.context.window_manager.windows for a in w.screen.areas if a.type == "IMAGE_EDITOR"]
     SEEN["shown"] = [area.spaces.active.image.name for area in editors if area.spaces.active.image]
+    yield 0.3
+    SEEN["held afterwards"] = listeners()
     SEEN["slots"] = [slot.name for slot in bpy.data.images["Render Result"].render_slots]
     yield 0.5
     if shutil.which("xdotool"):
         scene.render.resolution_x, scene.render.resolution_y = 640, 480
         scene.lobe.samples = 4096
-        before = settings()
         operators._outcomes.clear()
+        bpy.ops.ed.undo_push(message="The settings")
+        scene.lobe.seed = 5
+        bpy.ops.ed.undo_push(message="The seed")
+        before = settings()
         press()
         yield from until(rendering)
         yield 1.0
+        during, undone = settings(), []
+        bpy.app.handlers.undo_post.append(lambda *_: undone.append(True))
+        for window in subprocess.check_output(["xdotool", "search", "--name", "Blender"], text=True).split():
+            subprocess.run(["xdotool", "windowfocus", window, "sleep", "0.2", "key", "ctrl+z"], check=True)
+            yield 0.5
+        bpy.app.handlers.undo_post.pop()
+        SEEN["undo"] = {"heard": bool(undone), "changed": settings() != during, "running": running()}
         subprocess.run(["xdotool", "key", "Escape"], check=True)
         begun = time.perf_counter()
         yield from until(lambda: not running())

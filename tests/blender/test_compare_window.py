@@ -38,6 +38,16 @@ def test_a_comparison_beside_the_window(seen) -> None:
     assert seen["size"] == [64, 48] and all(noise > 0.0 for noise in seen["noise"])
 
 
+def test_no_window_reaches_other_operators_meanwhile(seen) -> None:
+    """Also not the one that Blender opens for the render."""
+    assert len(seen["held meanwhile"]) > 1
+    assert all(len(listeners) == 1 for listeners in seen["held meanwhile"]), seen["held meanwhile"]
+    assert not any(seen["held afterwards"]), seen["held afterwards"]
+    if "undo" not in seen:
+        cannot_look("where Blender runs there is no xdotool")
+    assert seen["undo"] == {"heard": False, "changed": False, "running": True}
+
+
 def test_the_pictures_are_shown(seen) -> None:
     assert "Lobe | Cycles | difference" in seen["shown"]
     assert {"Lobe", "Cycles"} < set(seen["slots"])
