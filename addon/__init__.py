@@ -5,11 +5,11 @@ Registering must stay quick: nothing in here imports Numba or a kernel before th
 
 from __future__ import annotations
 
-from . import check, compare, passes, phong_group, precompile, properties, render_engine, scene_report, ui
+from . import check, compare, passes, phong_group, precompile, properties, render_engine, render_slots, scene_report, ui
 
 # Unregistered from the last to the first: viewports, which render_engine closes, compile by precompile's process until
 # then, not in this one.
-_PARTS = (properties, passes, phong_group, scene_report, check, compare, precompile, render_engine, ui)
+_PARTS = (properties, passes, phong_group, scene_report, render_slots, check, compare, precompile, render_engine, ui)
 
 
 def register() -> None:

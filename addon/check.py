@@ -2,7 +2,7 @@
 
 Only a render evaluates what a render shows: modifiers and subdivision at their render settings, objects that are
 hidden in the viewport. So the check is a render too, of a short-lived copy of the scene (which shares all its objects)
-by an engine that exports and draws nothing. The Render Result of the scene itself stays as it is.
+by an engine that exports and draws nothing. The Render Result stays as it is, in all of its slots.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from .export.camera import NO_CAMERA
 from .export.notes import ERROR, WARNING
 from .export.scene import note_scene
 from .faults import is_defect, message_of
+from .render_slots import in_newest_slot
 from .report import nothing_to_see
 
 
@@ -68,7 +69,7 @@ def check(scene) -> list[Note]:
     twin = scene.copy()
     try:
         _leave_no_trace(twin.render)
-        with _engine() as engine, _no_handlers():
+        with _engine() as engine, _no_handlers(), in_newest_slot():
             twin.render.engine = engine.bl_idname
             try:
                 bpy.ops.render.render(scene=twin.name)

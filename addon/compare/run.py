@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from .. import report
+from ..render_slots import render_result
 from . import figures, flip, matching, pictures
 from .figures import Figures, Timing
 from .keeping import Keeper, listening
@@ -256,7 +257,7 @@ class _Slots:
     """Two slots of the Render Result, "Lobe" and "Cycles", beside those that the user has."""
 
     def __init__(self, keeper: Keeper) -> None:
-        image = _render_result()
+        image = render_result()
         self._fresh = image is None  # the very first render makes it: then nobody has put anything into its slots
         if image is not None:
             before = image.render_slots.active_index
@@ -264,13 +265,13 @@ class _Slots:
 
     @staticmethod
     def _activate(index: int) -> None:
-        image = _render_result()
+        image = render_result()
         if image is not None and index < len(image.render_slots):
             image.render_slots.active_index = index
 
     def choose(self, name: str) -> None:
         """Before a render: make the slot of that name the active one."""
-        image = _render_result()
+        image = render_result()
         if image is None:
             return
         slots = image.render_slots
@@ -285,7 +286,7 @@ class _Slots:
 
     def found(self, name: str) -> None:
         """After a render: the first one of all has gone into the first slot."""
-        image = _render_result()
+        image = render_result()
         if image is not None and self._fresh and _index(image.render_slots, name) < 0:
             image.render_slots[image.render_slots.active_index].name = name
 
@@ -293,7 +294,3 @@ class _Slots:
 def _index(slots, name: str) -> int:
     """The first slot of that name, or -1. Blender's own `find` finds none (measured in 5.0)."""
     return next((index for index, slot in enumerate(slots) if slot.name == name), -1)
-
-
-def _render_result():
-    return next((image for image in bpy.data.images if image.type == "RENDER_RESULT"), None)

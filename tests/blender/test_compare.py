@@ -206,6 +206,18 @@ def test_slots_of_the_user_are_left_alone(scene) -> None:
     assert np.array_equal(compare.run.pictures.rendered(scene)[0], before)
 
 
+def test_a_check_after_it_leaves_the_pictures_alone(scene) -> None:
+    """The user's slot is the active one again, and the newest picture is in another."""
+    bpy.ops.render.render()
+    mine = compare.run.pictures.rendered(scene)[0]
+    bpy.ops.lobe.compare_with_cycles()
+    before = slot_means()
+    bpy.ops.lobe.check_scene()
+    assert slot_means() == before
+    assert bpy.data.images["Render Result"].render_slots.active_index == 0
+    assert np.array_equal(compare.run.pictures.rendered(scene)[0], mine)
+
+
 def test_equal_time(scene) -> None:
     assert bpy.ops.lobe.compare_with_cycles(mode="TIME", seconds=0.3) == {"FINISHED"}
     outcome = operators.outcome_of(scene)

@@ -610,6 +610,61 @@ def test_the_render_result_stays(scene, checked, rendered, tmp_path) -> None:
     assert pixels.max() > 0.0 and np.array_equal(again[::-1], pixels)
 
 
+def mean_color(slot: int) -> list[float]:
+    """Of the picture in a slot of the Render Result, which becomes the active one."""
+    import OpenImageIO as oiio
+
+    image, path = bpy.data.images["Render Result"], str(Path(bpy.app.tempdir) / "slot.png")
+    image.render_slots.active_index = slot
+    image.save_render(path, scene=bpy.context.scene)
+    return [round(channel, 2) for channel in oiio.ImageBuf(path).get_pixels(oiio.FLOAT)[..., :3].mean((0, 1))]
+
+
+def render_into(slot: int, color: tuple[float, float, float]) -> None:
+    scene = bpy.context.scene
+    plane().hide_render, scene.view_settings.view_transform = True, "Standard"
+    background = next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    background.inputs["Color"].default_value = (*color, 1.0)
+    if "Render Result" in bpy.data.images:
+        bpy.data.images["Render Result"].render_slots.active_index = slot
+    bpy.ops.render.render()
+
+
+RED, GREEN, BLUE = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("active", [0, 1, 2])
+def test_the_pictures_in_all_slots_stay(scene, checked, active: int) -> None:
+    """Whichever of them is the active one, which it remains."""
+    render_into(0, RED)
+    render_into(1, GREEN)
+    slots = bpy.data.images["Render Result"].render_slots
+    slots.active_index = active
+    for _ in range(2):
+        checked()
+        assert slots.active_index == active
+    assert (mean_color(0), mean_color(1)) == ([*RED], [*GREEN])
+    with pytest.raises(RuntimeError):  # there is nothing in it
+        mean_color(2)
+
+
+def test_the_pictures_in_all_slots_stay_where_a_slot_was_removed(scene, checked) -> None:
+    """Before that of the newest picture."""
+    for slot, color in ((0, BLUE), (2, GREEN), (1, RED)):
+        render_into(slot, color)
+    slots = bpy.data.images["Render Result"].render_slots
+    slots.active_index = 0
+    window = bpy.context.window_manager.windows[0]
+    area = window.screen.areas[0]
+    area.type = "IMAGE_EDITOR"
+    area.spaces.active.image = bpy.data.images["Render Result"]
+    with bpy.context.temp_override(window=window, area=area):
+        assert bpy.ops.image.remove_render_slot() == {"FINISHED"}
+    slots.active_index = 1
+    checked()
+    assert (mean_color(0), mean_color(1)) == ([*RED], [*GREEN])
+
+
 @pytest.mark.parametrize(
     ("make", "kind", "text"),
     [
