@@ -2,7 +2,8 @@
 
 Only a render evaluates what a render shows: modifiers and subdivision at their render settings, objects that are
 hidden in the viewport. So the check is a render too, of a short-lived copy of the scene (which shares all its objects)
-by an engine that exports and draws nothing. The Render Result stays as it is, in all of its slots.
+by an engine that exports and draws nothing. Blender waits for it, and sees no Escape meanwhile. The Render Result
+stays as it is, in all of its slots.
 """
 
 from __future__ import annotations
@@ -14,17 +15,13 @@ from collections.abc import Iterator
 import bpy
 
 from . import scene_report
-from .export import ExportStopped, Note, Notes, export_scene, export_settings
+from .export import Note, Notes, export_scene, export_settings
 from .export.camera import NO_CAMERA
 from .export.notes import ERROR, WARNING
 from .export.scene import note_scene
 from .faults import is_defect, message_of
 from .render_slots import in_newest_slot
 from .report import nothing_to_see
-
-
-class CheckStopped(Exception):
-    """The user pressed Escape."""
 
 
 class _CheckEngine(bpy.types.RenderEngine):
@@ -35,18 +32,15 @@ class _CheckEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False
 
     found: dict[Note, None] = {}
-    stopped = False
 
     def update(self, data, depsgraph) -> None:
         notes = Notes()
         try:
-            scene = export_scene(depsgraph, stop=self.test_break, notes=notes)
+            scene = export_scene(depsgraph, notes=notes)
             for sentence in nothing_to_see(scene):
                 notes.warn_scene(sentence)
             export_settings(depsgraph.scene_eval).validate()
             scene.validate()
-        except ExportStopped:
-            type(self).stopped = True
         except Exception as error:
             if is_defect(error):
                 traceback.print_exc()
@@ -58,10 +52,7 @@ class _CheckEngine(bpy.types.RenderEngine):
 
 
 def check(scene) -> list[Note]:
-    """What `scene` holds that Lobe does not honour, over all of its view layers.
-
-    Raises CheckStopped.
-    """
+    """What `scene` holds that Lobe does not honour, over all of its view layers."""
     if scene.camera is None:  # Blender wouldn't begin
         return [Note(ERROR, "", "", NO_CAMERA)]
     notes = Notes()
@@ -75,8 +66,6 @@ def check(scene) -> list[Note]:
                 bpy.ops.render.render(scene=twin.name)
             except RuntimeError as error:  # Blender refused to begin
                 return [Note(ERROR, "", "", str(error).strip().removeprefix("Error: "))]
-            if engine.stopped:
-                raise CheckStopped
             return list(dict.fromkeys([*notes.all, *engine.found]))
     finally:
         bpy.data.scenes.remove(twin)
@@ -104,7 +93,7 @@ def _no_handlers() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _engine() -> Iterator[type[_CheckEngine]]:
-    _CheckEngine.found, _CheckEngine.stopped = {}, False
+    _CheckEngine.found = {}
     bpy.utils.register_class(_CheckEngine)
     try:
         yield _CheckEngine
@@ -142,7 +131,7 @@ def may_render(operator, context) -> bool:
 
 class LOBE_OT_check_scene(bpy.types.Operator):
     """List what this scene holds that Lobe does not draw as asked. It renders nothing, and takes as long as exporting \
-the scene does: a moment, some seconds for millions of faces"""
+the scene does: a moment, some seconds for millions of faces. It can't be stopped"""
 
     bl_idname = "lobe.check_scene"
     bl_label = "Check Scene"
@@ -152,12 +141,8 @@ the scene does: a moment, some seconds for millions of faces"""
         return may_render(cls, context)
 
     def execute(self, context):
-        try:
-            with _waiting(context.window):
-                notes = check(context.scene)
-        except CheckStopped:
-            self.report({"INFO"}, "Lobe: the check was stopped")
-            return {"CANCELLED"}
+        with _waiting(context.window):
+            notes = check(context.scene)
         report = scene_report.keep(scene_report.key(context.scene), "check", notes)
         self.report({"INFO"}, f"Lobe: {_said(report)}, see Scene Report")
         return {"FINISHED"}

@@ -610,6 +610,11 @@ def test_the_render_result_stays(scene, checked, rendered, tmp_path) -> None:
     assert pixels.max() > 0.0 and np.array_equal(again[::-1], pixels)
 
 
+def test_the_tooltip_says_that_a_check_cannot_be_stopped() -> None:
+    """Blender waits for it, and looks at no key meanwhile."""
+    assert "can't be stopped" in bpy.ops.lobe.check_scene.get_rna_type().description
+
+
 def mean_color(slot: int) -> list[float]:
     """Of the picture in a slot of the Render Result, which becomes the active one."""
     import OpenImageIO as oiio
