@@ -11,15 +11,18 @@ from __future__ import annotations
 import contextlib
 import traceback
 from collections.abc import Iterator
+from dataclasses import replace
 
 import bpy
 
+from ..engine import left_out
 from . import scene_report
 from .export import Note, Notes, export_scene, export_settings
 from .export.camera import NO_CAMERA
 from .export.notes import ERROR, WARNING
 from .export.scene import note_scene
 from .faults import is_defect, message_of
+from .passes import wanted_passes
 from .render_slots import in_newest_slot
 from .report import nothing_to_see
 
@@ -37,9 +40,10 @@ class _CheckEngine(bpy.types.RenderEngine):
         notes = Notes()
         try:
             scene = export_scene(depsgraph, notes=notes)
-            for sentence in nothing_to_see(scene):
+            settings = replace(export_settings(depsgraph.scene_eval), passes=wanted_passes(depsgraph.view_layer))
+            for sentence in nothing_to_see(scene) + left_out(settings):
                 notes.warn_scene(sentence)
-            export_settings(depsgraph.scene_eval).validate()
+            settings.validate()
             scene.validate()
         except Exception as error:
             if is_defect(error):

@@ -68,6 +68,7 @@ __all__ = [
     "compile_elsewhere",
     "foresee",
     "kernel_folder",
+    "left_out",
     "precompile",
     "render",
 ]
@@ -109,6 +110,16 @@ def _render(scene: Scene, settings: Settings, progress, stop, prepared: Prepared
     if problem is not None:
         result.warnings.append(f"Numba cannot be used ({problem}): rendered by the slow reference road")
     return result
+
+
+def left_out(settings: Settings) -> list[str]:
+    """What the settings ask for that the road which they name doesn't do, as sentences. Those of a render's result are
+    among its warnings."""
+    if settings.road == "COMPILED":
+        return []
+    from . import reference
+
+    return reference.left_out(settings)
 
 
 def numba_problem() -> str | None:

@@ -18,7 +18,7 @@ from ..settings import Settings
 from .camera import camera_rays, filter_offsets
 from .integrator import Integrator
 
-__all__ = ["render_reference"]
+__all__ = ["left_out", "render_reference"]
 
 BATCH = 8192  # paths at a time: enough for numpy, few enough to stop and to report several times a second
 
@@ -86,11 +86,6 @@ def render_reference(
 
     black = np.zeros((height, width, 4), np.float32)
     pixels_now = picture()
-    warnings = list(scene.warnings)
-    if settings.use_adaptive_sampling:
-        warnings.append("adaptive sampling is not part of the reference road: every pixel got the same samples")
-    if settings.passes:
-        warnings.append("passes beside Combined are not part of the reference road: they stay empty")
     return Result(
         pixels=black if pixels_now is None else pixels_now,
         samples=done / pixels,
@@ -98,6 +93,16 @@ def render_reference(
         rays=integrator.geometry.rays,
         rejected=integrator.rejected,
         skipped=list(scene.skipped),
-        warnings=warnings,
+        warnings=list(scene.warnings) + left_out(settings),
         stopped=stopped,
     )
+
+
+def left_out(settings: Settings) -> list[str]:
+    """What the settings ask for that this road doesn't do, as sentences."""
+    sentences = []
+    if settings.use_adaptive_sampling:
+        sentences.append("adaptive sampling is not part of the reference road: every pixel gets the same samples")
+    if settings.passes:
+        sentences.append("passes beside Combined are not part of the reference road: they stay empty")
+    return sentences

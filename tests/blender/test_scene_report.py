@@ -727,6 +727,17 @@ def test_names_with_quotes_are_grouped(part) -> None:
     assert len(group.names) == len(QUOTES) and group.what == "image '...' is not mapped"
 
 
+def test_a_check_and_a_render_say_the_same_of_the_settings(scene, part, checked) -> None:
+    """Of the reference, which leaves out what the compiled road does."""
+    scene.lobe.use_adaptive_sampling, layer().use_pass_z = True, True
+    assert checked() == []
+    scene.lobe.road = "REFERENCE"
+    found = texts(checked(), "WARNING")
+    assert len(found) == 2 and all("not part of the reference road" in text for text in found)
+    bpy.ops.render.render()
+    assert texts(part("scene_report").report_of(scene).groups, "WARNING") == found
+
+
 # --- the report -----------------------------------------------------------------------------------------------------
 
 
