@@ -54,6 +54,16 @@ def keep(scene_key: int, source: str, notes: Iterable[Note]) -> Report:
     return _reports[scene_key]
 
 
+def restore(scene_key: int, report: Report | None) -> None:
+    """Put a report back that renders with other settings than the user's have replaced."""
+    global _to_redraw
+    if report is None:
+        _reports.pop(scene_key, None)
+    else:
+        _reports[scene_key] = report
+    _to_redraw = True
+
+
 def report_of(scene) -> Report | None:
     """None for a scene that was neither checked nor rendered since its file was opened."""
     return _reports.get(key(scene))

@@ -110,7 +110,7 @@ def _passes(scene) -> list[str]:
 
 
 def _left_out(render) -> list[str]:
-    """What Blender would do to both pictures afterwards, and a comparison must not show."""
+    """What Blender would do to both pictures afterwards, and what Cycles alone would do: a comparison shows neither."""
     found = []
     scene = render.id_data
     tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
@@ -120,6 +120,8 @@ def _left_out(render) -> list[str]:
     strips = "strips" if hasattr(editor, "strips") else "sequences"  # the former from Blender 4.4 on
     if render.use_sequencer and editor is not None and len(getattr(editor, strips)):
         found.append("The video sequencer is left out")
+    if render.use_motion_blur:
+        found.append("Motion blur is left out")
     if render.use_multiview:
         found.append("Of a stereo picture only the centre view is compared")
     return found

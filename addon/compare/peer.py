@@ -48,6 +48,7 @@ FAIR = {
     "time_limit": 0.0,
     "use_sample_subset": False,
     "use_animated_seed": False,
+    "use_layer_samples": "IGNORE",  # those of the scene, in every view layer
     "transparent_max_bounces": 1024,
     "direct_light_sampling_type": "MULTIPLE_IMPORTANCE_SAMPLING",
     "device": "CPU",
@@ -64,7 +65,7 @@ class NoShader(Exception):
 
 def apply_fair_settings(scene, put: Put = setattr) -> None:
     """Set `scene.cycles`, and the objects and materials of `scene`'s file, to what `FAIR` lists, shadow
-    terminator offsets 0, emission from both sides.
+    terminator offsets 0, emission from both sides; and the scene to no motion blur.
 
     Bounces, filter, samples and seed are not touched: see `copy_lobe_settings`.
     """
@@ -73,6 +74,7 @@ def apply_fair_settings(scene, put: Put = setattr) -> None:
     for key, value in FAIR.items():
         if hasattr(scene.cycles, key):  # older and newer versions lack some
             put(scene.cycles, key, value)
+    put(scene.render, "use_motion_blur", False)
     for obj in bpy.data.objects:
         if obj.library is None:
             for key in terminator_offsets(obj):

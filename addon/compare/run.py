@@ -14,7 +14,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from .. import report
+from .. import report, scene_report
 from ..render_slots import render_result
 from . import figures, flip, matching, pictures
 from .figures import Figures, Timing
@@ -136,6 +136,8 @@ class Comparison:
         """
         renders: dict[tuple[str, int], _Render] = {}
         with Keeper() as keeper:
+            before = scene_report.report_of(self.scene)
+            keeper.at_end(lambda: scene_report.restore(self._uid, before))
             unmatched = matching.prepare(self.scene, keeper, self.seconds)
             if self._layer:
                 unmatched.others.append(f"Of several view layers only {self._layer!r} is compared")

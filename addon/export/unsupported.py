@@ -107,7 +107,8 @@ def note_material(material, lets_light_through: bool, notes: Notes) -> None:
 
 def note_view_layer(view_layer, notes: Notes) -> None:
     name = view_layer.name
-    if view_layer.samples:
+    how = getattr(cycles_settings(view_layer.id_data), "use_layer_samples", "USE")
+    if view_layer.samples and how != "IGNORE":
         what = f"its own number of samples ({view_layer.samples}) is not supported, it gets the scene's"
         notes.warn("view layer", name, what)
     for what, named in ((AOVS, view_layer.aovs), (LIGHT_GROUPS, view_layer.lightgroups)):

@@ -259,18 +259,23 @@ def test_viewports_do_not_render_beside_it(stopped: bool, tmp_path) -> None:
     assert [area.spaces.active.shading.type for area in (shown, other)] == ["RENDERED"] * 2
 
 
-def test_what_cannot_be_matched_is_listed(scene) -> None:
-    scene.render.use_motion_blur = True
-    scene.lobe.hemisphere_sampling = "UNIFORM"
+def make_bumpy() -> None:
+    """Something that Lobe leaves out."""
     material, diffuse = new_material("Bumpy", "ShaderNodeBsdfDiffuse")
     bump = material.node_tree.nodes.new("ShaderNodeBump")
     material.node_tree.links.new(bump.outputs[0], diffuse.inputs["Normal"])
     bpy.data.objects["Plane"].data.materials[0] = material
+
+
+def test_what_cannot_be_matched_is_listed(scene) -> None:
+    scene.render.use_motion_blur = True
+    scene.lobe.hemisphere_sampling = "UNIFORM"
+    make_bumpy()
     bpy.ops.mesh.primitive_cube_add(location=(0, 50, 0))
     scene.view_layers.new("Second")
     bpy.ops.lobe.compare_with_cycles()
     listed = unmatched(scene)
-    assert "motion blur is not supported and left out" in listed
+    assert "Motion blur is left out" in listed
     assert any(line.startswith("material 'Bumpy': ") for line in listed)
     assert "Of several view layers only 'ViewLayer' is compared" in listed
     assert "Lobe's Hemisphere is Uniform, for which Cycles has nothing" in listed
@@ -278,10 +283,10 @@ def test_what_cannot_be_matched_is_listed(scene) -> None:
     assert any(line.startswith("object 'Cube': without a material") for line in listed) == differs
     assert len(listed) == 4 + differs
     outcome = operators.outcome_of(scene)
-    assert len(outcome.different) == 2 and not any("without a material" in line for line in outcome.different)
+    assert len(outcome.different) == 1 and not any("without a material" in line for line in outcome.different)
     assert not compare.headline_of(outcome).speedup
     page = compare.html(operators.outcome_of(scene))
-    assert "Bumpy" in page and "motion blur" in page
+    assert "Bumpy" in page and "Motion blur" in page
 
 
 def test_what_is_drawn_nearly_as_asked_is_listed_and_left_to_the_pictures(scene) -> None:
@@ -303,7 +308,6 @@ def test_ticked_passes_are_listed_and_stay(scene) -> None:
 
 
 def test_passes_that_lobe_does_not_make_are_no_reason_for_a_difference(scene) -> None:
-    """A number of samples of the view layer's own is one: Cycles takes that many."""
     layer = scene.view_layers[0]
     layer.use_pass_cryptomatte_object = True
     layer.aovs.add().name = "Dirt"
@@ -313,10 +317,21 @@ def test_passes_that_lobe_does_not_make_are_no_reason_for_a_difference(scene) ->
     assert found.different == [] and len(found.others) == 3
     for line, name in zip(sorted(found.others), ("Key", "Dirt", "Cryptomatte Object"), strict=True):
         assert name in line and line.endswith("Cycles makes them, which takes it time")
-    layer.samples = 7
+
+
+def test_samples_of_a_view_layer_and_motion_blur_are_left_out(scene) -> None:
+    """The scene report is the one of the user's settings all the same."""
+    scene.view_layers[0].samples, scene.render.use_motion_blur = 7, True
     bpy.ops.lobe.check_scene()
-    (line,) = compare.run.matching.not_drawn(scene).different
-    assert "its own number of samples (7)" in line
+    report = compare.run.scene_report.report_of(scene)
+    found = compare.run.matching.not_drawn(scene).different
+    assert len(found) == 2 and "its own number of samples (7)" in found[1] and "motion blur" in found[0]
+    bpy.ops.lobe.compare_with_cycles()
+    outcome = operators.outcome_of(scene)
+    assert outcome.different == [] and unmatched(scene) == ["Motion blur is left out"]
+    rows = {what: (was, during) for what, was, during in outcome.changed}
+    assert rows["Cycles: Layer Samples"] == ("USE", "Ignore") and rows["Blender: Motion Blur"] == ("on", "off")
+    assert compare.run.scene_report.report_of(scene) is report
 
 
 @pytest.fixture
@@ -517,7 +532,7 @@ def test_a_scene_that_is_deleted_meanwhile(scene) -> None:
 
 
 def test_the_reports_say_what_came_of_it_and_where_it_is(scene, capfd) -> None:
-    scene.render.use_motion_blur = True
+    make_bumpy()
     bpy.ops.lobe.compare_with_cycles()
     said = [line.partition("Info: ")[2] for line in capfd.readouterr().out.splitlines() if "Info: " in line]
     page = Path(bpy.app.tempdir, "lobe_comparison.html")

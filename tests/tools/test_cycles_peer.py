@@ -99,7 +99,9 @@ def test_fair_settings(furnace):
     lobe, cycles = furnace.lobe, furnace.cycles
     lobe.max_bounces, lobe.diffuse_bounces, lobe.glossy_bounces, lobe.seed = 5, 4, 3, 9
     cycles.use_adaptive_sampling, cycles.sample_clamp_indirect, cycles.light_sampling_threshold = True, 10, 0.01
+    furnace.render.use_motion_blur = True
     br.set_engine(furnace, "CYCLES")
+    assert cycles.use_layer_samples == "IGNORE" and not furnace.render.use_motion_blur
     assert (cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces, cycles.seed) == (5, 4, 3, 9)
     assert cycles.pixel_filter_type == "BOX" and cycles.samples == 256
     assert not cycles.use_adaptive_sampling and not cycles.use_denoising
