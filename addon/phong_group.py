@@ -8,18 +8,13 @@ from __future__ import annotations
 
 import bpy
 
-PHONG_GROUP_NAME = "Phong BSDF"
-PHONG_MARK = "lobe_phong"  # custom property by which the group is known even when it has been renamed
-
-
-def is_phong_group(tree: bpy.types.NodeTree | None) -> bool:
-    return tree is not None and (PHONG_MARK in tree or tree.name == PHONG_GROUP_NAME)
+from .phong_mark import PHONG_GROUP_NAME, PHONG_MARK, is_phong_tree
 
 
 def phong_group() -> bpy.types.NodeTree:
     """The file's Phong group, made on first use. A library's copy is left alone: its owner may change it."""
     for tree in bpy.data.node_groups:
-        if PHONG_MARK in tree and tree.library is None:
+        if is_phong_tree(tree) and tree.library is None:
             return tree
     return _make_group()
 

@@ -128,7 +128,7 @@ def set_engine(scene, engine: str, as_is: bool = False) -> None:
             if error.said:
                 print(f"Cycles' shader compiler said: {error.said}", file=sys.stderr)
             raise ToolError(
-                f"{error}, so it can't draw the exact Phong lobe of {cycles_peer.PHONG_GROUP_NAME!r}. With render.py's "
+                f"{error}, so it can't draw the exact Phong lobe of 'Phong BSDF'. With render.py's "
                 "--as-is it draws the Glossy BSDF in that node group"
             ) from error
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-SOURCE = Path(__file__).resolve().parent.parent / "addon" / "compare" / "peer.py"
+ADDON = Path(__file__).resolve().parent.parent / "addon"
+SOURCES = (ADDON / "compare" / "peer.py", ADDON / "phong_mark.py")  # what Cycles' renders depend on
 
 
 def __getattr__(name: str) -> Any:

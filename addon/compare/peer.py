@@ -17,10 +17,11 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from ..phong_mark import is_phong_tree
+
 Put = Callable[[object, str, object], None]
 AtEnd = Callable[[Callable[[], None], Callable[[], None]], None]
 
-PHONG_GROUP_NAME = "Phong BSDF"
 OSL_NODE_NAME = "Phong peer (Open Shading Language)"
 
 # `phong_ramp` with eight equal colours is ks (n + 2) / (2 pi) cos^n(alpha), see Cycles' closure/bsdf_phong_ramp.h.
@@ -124,10 +125,7 @@ def phong_groups() -> list:
     """The node groups that hold a Phong BRDF for Lobe."""
     import bpy
 
-    groups = [tree for tree in bpy.data.node_groups if tree.bl_idname == "ShaderNodeTree"]
-    named = [tree for tree in groups if tree.name == PHONG_GROUP_NAME]  # which can be somebody else's
-    named = [tree for tree in named if {"kd", "ks", "exponent"} <= set(tree.interface.items_tree.keys())]
-    return [tree for tree in groups if tree.get("lobe_phong") or tree in named]
+    return [tree for tree in bpy.data.node_groups if is_phong_tree(tree)]
 
 
 def use_osl_phong(scene, put: Put = setattr, at_end: AtEnd = lambda undo, again: None) -> bool:

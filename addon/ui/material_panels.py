@@ -30,7 +30,7 @@ def phong_node(material):
         return None
     output = shader_output(material.node_tree, "ShaderNodeOutputMaterial")
     parts = _summands(output.inputs["Surface"]) if output is not None else set()
-    phong = {node for node in parts if is_phong_group(node) and set(INPUTS) <= set(node.inputs.keys())}
+    phong = {node for node in parts if is_phong_group(node)}
     rest = {node.bl_idname for node in parts - phong}
     return phong.pop() if len(phong) == 1 and rest <= BESIDE else None
 

@@ -146,7 +146,7 @@ def fingerprints() -> dict[str, str]:
     """What an engine's renders depend on besides the job: what the tools set in the scene, for Lobe its code, for
     Cycles what makes it a peer."""
     lobe = b"".join(path.read_bytes() for path in lobe_blender.product_files())
-    peer = br.cycles_peer.SOURCE.read_bytes()
+    peer = b"".join(path.read_bytes() for path in br.cycles_peer.SOURCES)
     tools = "\n".join(
         [lobe_blender.blender_version()]
         + [inspect.getsource(what) for what in (common.prepare, common.leave_out, br.set_engine, BlenderRenderer)]

@@ -31,9 +31,37 @@ def test_made_once_and_known_by_mark_and_name(phong) -> None:
     tree = phong.phong_group()
     tree.name = "renamed"
     assert phong.phong_group() is tree
-    assert phong.is_phong_group(tree)
-    assert not phong.is_phong_group(None)
-    assert not phong.is_phong_group(bpy.data.node_groups.new("other", "ShaderNodeTree"))
+    assert phong.is_phong_tree(tree)
+    assert not phong.is_phong_tree(None)
+    assert not phong.is_phong_tree(bpy.data.node_groups.new("other", "ShaderNodeTree"))
+
+
+def is_known_by_all(phong, tree) -> bool:
+    """Of the menu, the export and Cycles' peer, who have to be of one mind."""
+    peer, walk = (sys.modules[f"{MODULE}.addon.{name}"] for name in ("compare.peer", "export.materials.tree"))
+    material = bpy.data.materials.new("Any")
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    node = material.node_tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = tree
+    known = {walk.is_phong_group(node), tree in peer.phong_groups(), phong.phong_group() == tree}
+    assert len(known) == 1
+    return known.pop()
+
+
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize("marked", [False, True])
+@pytest.mark.parametrize("lacking", ["", "ks"])
+def test_all_know_the_same_groups(phong, named: bool, marked: bool, lacking: str) -> None:
+    """Without an input it can't be read as one, nor can Cycles' closure be put in."""
+    tree = phong.phong_group()
+    if not named:
+        tree.name = "renamed"
+    if not marked:
+        del tree[phong.PHONG_MARK]
+    if lacking:
+        tree.interface.remove(tree.interface.items_tree[lacking])
+    assert is_known_by_all(phong, tree) == ((named or marked) and not lacking)
 
 
 def test_defaults_conserve_energy(phong) -> None:

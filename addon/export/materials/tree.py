@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import bpy
 
+from ...phong_mark import is_phong_tree
+
 # Blender 5.0 takes muted nodes and groups out of a tree before Cycles sees it; before, Cycles did that in its own way.
 INLINED = bpy.app.version >= (5, 0, 0)
 
@@ -133,16 +135,6 @@ def shader_output(tree, kind: str):
     return outputs[0] if outputs else None
 
 
-# Marks the tree of the `Phong BSDF` group (see addon/phong_group.py). Where the mark was lost, its name and its
-# inputs tell it from somebody else's group of that name.
-PHONG_MARK = "lobe_phong"
-PHONG_NAME = "Phong BSDF"
-PHONG_INPUTS = {"kd", "ks", "exponent"}
-
-
 def is_phong_group(node) -> bool:
-    """Whether a group node is Lobe's own Phong BSDF, whose inputs are read and whose inside is for other engines."""
-    tree = getattr(node, "node_tree", None)
-    if tree is None:
-        return False
-    return PHONG_MARK in tree or (tree.name == PHONG_NAME and {s.name for s in node.inputs} >= PHONG_INPUTS)
+    """Whether a node is of Lobe's own Phong BSDF, whose inputs are read and whose inside is for other engines."""
+    return is_phong_tree(getattr(node, "node_tree", None))
