@@ -7,6 +7,7 @@ Loading a file forgets everything. The panel and `tools/render.py --check` show 
 from __future__ import annotations
 
 import ast
+import itertools
 import re
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -32,12 +33,14 @@ _SENTENCE = re.compile(rf"({'|'.join(filter(None, KINDS))}) ({QUOTED}): (.*)", r
 class Report(NamedTuple):
     source: str  # "check" or "render"
     groups: tuple[Group, ...]
+    number: int  # of all reports of this process, from 1
 
     def of_level(self, *levels: str) -> list[Group]:
         return [group for group in self.groups if group.level in levels]
 
 
 _reports: dict[int, Report] = {}
+_numbers = itertools.count(1)
 _to_redraw = False
 
 
@@ -49,9 +52,9 @@ def key(scene) -> int:
 def keep(scene_key: int, source: str, notes: Iterable[Note]) -> Report:
     """Replace a scene's report. May be called on any thread."""
     global _to_redraw
-    _reports[scene_key] = Report(source, tuple(grouped(notes)))
+    report = _reports[scene_key] = Report(source, tuple(grouped(notes)), next(_numbers))
     _to_redraw = True
-    return _reports[scene_key]
+    return report
 
 
 def restore(scene_key: int, report: Report | None) -> None:

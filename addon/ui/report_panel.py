@@ -40,11 +40,12 @@ class LOBE_OT_select_reported(bpy.types.Operator):
     bl_label = "Select Objects"
     bl_options = {"REGISTER", "UNDO"}
 
+    report_number: bpy.props.IntProperty(options={"HIDDEN", "SKIP_SAVE"})
     index: bpy.props.IntProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def description(cls, context, properties) -> str:
-        group = _group(context.scene, properties.index)
+        group = _group(context.scene, properties)
         if group is None:
             return "Check the scene again"
         names = ", ".join(group.names[:TOOLTIP_NAMES])
@@ -57,7 +58,7 @@ class LOBE_OT_select_reported(bpy.types.Operator):
         return context.scene is not None and context.view_layer is not None
 
     def execute(self, context):
-        group = _group(context.scene, self.index)
+        group = _group(context.scene, self)
         if group is None:
             self.report({"WARNING"}, "The list is a new one: press again")
             return {"CANCELLED"}
@@ -80,9 +81,13 @@ class LOBE_OT_select_reported(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _group(scene, index: int) -> Group | None:
+def _group(scene, button) -> Group | None:
+    """What a button was drawn beside. None where a render has made a newer report since: a panel on the screen shows
+    the old one until it is drawn again."""
     report = scene_report.report_of(scene)
-    return report.groups[index] if report is not None and 0 <= index < len(report.groups) else None
+    if report is None or report.number != button.report_number or not 0 <= button.index < len(report.groups):
+        return None
+    return report.groups[button.index]
 
 
 def _show_slot(object_, group: Group) -> None:
@@ -206,6 +211,7 @@ def _draw_groups(layout, context, report: scene_report.Report, groups: list[Grou
             select = button.operator(
                 LOBE_OT_select_reported.bl_idname, text=str(len(group.names)), icon="RESTRICT_SELECT_OFF"
             )
+            select.report_number = report.number
             select.index = report.groups.index(group)
     if len(groups) > SHOWN:
         column.label(text=f"and {len(groups) - SHOWN} more, see Report as Text above")
