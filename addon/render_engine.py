@@ -28,7 +28,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
     session = None  # made by update() for the render() that follows; None when the export failed
     frame_report = None  # of the view layers rendered so far in this frame
     kept_layers = None  # what is kept for the next frame, where Blender keeps this object for it
-    viewport = None  # made by the first callback of a 3D viewport
+    viewport = None  # made by the first callback of a 3D viewport, and by the first one after it was closed
     failed = False  # then this frame's other view layers aren't tried: the user has the message
 
     def __init__(self, *args, **kwargs):
@@ -80,7 +80,8 @@ class LobeRenderEngine(bpy.types.RenderEngine):
             self.update_stats(*self._viewport().draw(context, depsgraph))
 
     def _viewport(self):
-        if self.viewport is None:
+        # Closed, though Blender still shows it, where another file should have been opened and could not be.
+        if self.viewport is None or self.viewport.is_closed:
             from .viewport import Viewport
 
             self.viewport = Viewport(self)

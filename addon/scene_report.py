@@ -118,6 +118,7 @@ def _described(group: Group, names_a_line: int | None) -> str:
 
 @bpy.app.handlers.persistent
 def _forget(*_) -> None:
+    """Another file is open: not earlier, for one that can't be opened leaves this one open."""
     _reports.clear()
 
 
@@ -142,7 +143,7 @@ def register() -> None:
     known = {key(scene) for scene in getattr(bpy.data, "scenes", ())}
     for scene_key in _reports.keys() - known:
         del _reports[scene_key]
-    bpy.app.handlers.load_pre.append(_forget)
+    bpy.app.handlers.load_post.append(_forget)
     if not bpy.app.background:
         bpy.app.timers.register(_redraw, persistent=True)
 
@@ -150,4 +151,4 @@ def register() -> None:
 def unregister() -> None:
     if bpy.app.timers.is_registered(_redraw):
         bpy.app.timers.unregister(_redraw)
-    bpy.app.handlers.load_pre.remove(_forget)
+    bpy.app.handlers.load_post.remove(_forget)

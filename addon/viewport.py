@@ -31,7 +31,10 @@ class _Shown(NamedTuple):
 
 
 class Viewport:
-    """Made by the first callback of a `RenderEngine`; closed when Blender drops that engine, at the latest."""
+    """Made by the first callback of a `RenderEngine`; closed when Blender drops that engine, at the latest.
+
+    is_closed  it has neither threads nor a scene any more, and gets none
+    """
 
     def __init__(self, engine: bpy.types.RenderEngine):
         self._export = LiveExport()
@@ -43,6 +46,7 @@ class Viewport:
         self._drawing = draw.Drawing()
         self._redraw = _redraw(engine)
         self._renderer = lobe.Interactive(self._redraw)
+        self.is_closed = False
 
     def update(self, context, depsgraph) -> None:
         """Blender has evaluated something anew."""
@@ -59,7 +63,8 @@ class Viewport:
     def draw(self, context, depsgraph) -> tuple[str, str]:
         """The newest picture, and the next one asked for if the view is another. Returns Blender's two status texts."""
         space, region = context.space_data, context.region
-        if bool(space.local_view or space.use_local_collections) != self._local:
+        local = bool(space.local_view or space.use_local_collections)
+        if local != self._local or (self._scene is None and not self._problem):
             self.update(context, depsgraph)
         view = export_view(depsgraph, space, region, context.region_data)
         # Read at every draw, and of the original: scripts change these without that Blender evaluates anything.
@@ -82,7 +87,10 @@ class Viewport:
         self._redraw()
 
     def close(self) -> None:
+        """Where Blender goes on showing it, it is to be drawn again, which another one will do."""
+        self.is_closed = True
         self._renderer.close()
+        self._redraw()
         self._scene = None
         self._shown = None
         self._export = LiveExport()

@@ -309,6 +309,7 @@ class LOBE_OT_save_comparison(bpy.types.Operator):
 
 @bpy.app.handlers.persistent
 def _forget(*_) -> None:
+    """Another file is open: not earlier, for one that can't be opened leaves this one open."""
     _outcomes.clear()
 
 
@@ -325,11 +326,11 @@ def register() -> None:
     for cls in _CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.WindowManager.lobe_compare = PointerProperty(type=LobeCompareSettings)
-    bpy.app.handlers.load_pre.append(_forget)
+    bpy.app.handlers.load_post.append(_forget)
 
 
 def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_forget)
+    bpy.app.handlers.load_post.remove(_forget)
     _outcomes.clear()
     del bpy.types.WindowManager.lobe_compare
     for cls in reversed(_CLASSES):

@@ -121,19 +121,20 @@ def _frame_changed(*_) -> None:
 
 @bpy.app.handlers.persistent
 def _forget(*_) -> None:
+    """Another file is open: not earlier, for one that can't be opened leaves this one open."""
     understood.forget()
 
 
 def register() -> None:
     bpy.app.handlers.depsgraph_update_post.append(_changed)
     bpy.app.handlers.frame_change_post.append(_frame_changed)
-    bpy.app.handlers.load_pre.append(_forget)
+    bpy.app.handlers.load_post.append(_forget)
 
 
 def unregister() -> None:
     if bpy.app.timers.is_registered(_read):
         bpy.app.timers.unregister(_read)
-    bpy.app.handlers.load_pre.remove(_forget)
+    bpy.app.handlers.load_post.remove(_forget)
     bpy.app.handlers.frame_change_post.remove(_frame_changed)
     bpy.app.handlers.depsgraph_update_post.remove(_changed)
     understood.wait()

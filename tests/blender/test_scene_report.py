@@ -804,6 +804,22 @@ def test_loading_a_file_forgets(scene, part, checked, tmp_path) -> None:
     assert part("scene_report").report_of(bpy.context.scene) is None
 
 
+def test_a_file_that_cannot_be_opened_leaves_all_that_is_known(scene, part, checked, tmp_path, monkeypatch) -> None:
+    """The file that is open stays so."""
+    shader("ShaderNodeBsdfGlass")
+    checked()
+    operators, understood = part("compare.operators"), part("ui.understood").understood
+    monkeypatch.setitem(operators._outcomes, scene.session_uid, outcome := object())
+    known = understood.of(bpy.data.materials[0])
+    with pytest.raises(RuntimeError, match=r"missing\.blend"):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "missing.blend"))
+    assert part("scene_report").report_of(scene) is not None
+    assert operators.outcome_of(scene) is outcome
+    assert understood.of(bpy.data.materials[0]) is known
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert not (part("scene_report")._reports or operators._outcomes or understood._known)
+
+
 def test_switching_the_add_on_off_and_on(scene, part, checked) -> None:
     shader("ShaderNodeBsdfGlass")
     groups = checked()

@@ -74,6 +74,8 @@ def test_a_viewport_says_that_it_waits_where_it_does(engine, viewport) -> None:
 class Rests:
     """A viewport that notes what it is told."""
 
+    is_closed = False
+
     def __init__(self, engine=None) -> None:
         self.told: list[str] = []
 

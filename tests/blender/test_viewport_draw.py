@@ -1,0 +1,124 @@
+"""What a viewport draws of the open file, called as Blender calls the engine; the drawing itself is only noted."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from mathutils import Matrix
+
+from tests.blender.export_checks import depsgraph
+from tools.lobe_blender import MODULE
+
+pytest.importorskip("gpu")
+PATIENCE = 120.0  # seconds: the first test of a fresh checkout compiles
+WIDTH, HEIGHT = 16, 8
+
+
+class Shown:
+    """A 3D viewport in Rendered mode, with the engine that Blender keeps for it.
+
+    pictures  that were drawn
+    messages  that were drawn in their place
+    status    Blender's second text
+    """
+
+    def __init__(self) -> None:
+        self.viewport = None
+        self.redraws = 0
+        self.pictures: list = []
+        self.messages: list[str] = []
+        self.status = ""
+        self.said: list[str] = []
+        spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
+        self.context = SimpleNamespace(
+            space_data=spaces[0],
+            region=SimpleNamespace(width=WIDTH, height=HEIGHT),
+            region_data=SimpleNamespace(
+                window_matrix=Matrix(), view_matrix=Matrix.Translation((0, 0, -5)), view_perspective="ORTHO"
+            ),
+        )
+
+    def tag_redraw(self) -> None:
+        self.redraws += 1
+
+    def update_stats(self, _first: str, second: str) -> None:
+        self.status = second
+
+    def report(self, _kind: set, message: str) -> None:
+        self.said.append(message)
+
+    def _viewport(self):
+        return render_engine().LobeRenderEngine._viewport(self)
+
+    def update(self, _scene=None, graph=None) -> None:
+        render_engine().LobeRenderEngine.view_update(self, self.context, graph or depsgraph())
+
+    def after(self, edit: Callable[[], object]) -> None:
+        """Only here does a dependency graph say what has changed."""
+        bpy.app.handlers.depsgraph_update_post.append(self.update)
+        try:
+            edit()
+            bpy.context.view_layer.update()
+        finally:
+            bpy.app.handlers.depsgraph_update_post.remove(self.update)
+        self.draw()
+
+    def draw(self) -> None:
+        render_engine().LobeRenderEngine.view_draw(self, self.context, depsgraph())
+
+    def draw_until(self, condition: Callable[[], bool]) -> None:
+        deadline = time.perf_counter() + PATIENCE
+        while not condition():
+            assert time.perf_counter() < deadline, (self.status, self.messages, self.said)
+            time.sleep(0.01)
+            self.draw()
+
+    def finished(self) -> bool:
+        return self.status == "Sample 2/2"
+
+    def instances(self) -> int:
+        return len(self.viewport._scene.instances)
+
+
+def render_engine():
+    return importlib.import_module(f"{MODULE}.addon.render_engine")
+
+
+@pytest.fixture
+def shown(simple_scene, monkeypatch) -> Iterator[Shown]:
+    """Of a cube, two samples."""
+    simple_scene.lobe.viewport_samples = 2
+    bpy.ops.mesh.primitive_cube_add()
+    draw = importlib.import_module(f"{MODULE}.addon.draw")
+    shown = Shown()
+    monkeypatch.setattr(draw.Drawing, "draw", lambda _self, picture, _view: shown.pictures.append(picture))
+    monkeypatch.setattr(draw, "message", lambda _region, text: shown.messages.append(text))
+    yield shown
+    if shown.viewport is not None:
+        shown.viewport.close()
+
+
+@pytest.mark.parametrize("what", ["no such file", "no .blend"])
+def test_a_file_that_cannot_be_opened_leaves_the_viewport_alive(shown, tmp_path, what: str) -> None:
+    """Blender calls `load_pre` before it looks for the file, and goes on with the engine that it has."""
+    path = tmp_path / "other.blend"
+    if what == "no .blend":
+        path.write_text(what)
+    shown.update()
+    shown.draw_until(shown.finished)
+    closed, redraws = shown.viewport, shown.redraws
+    with pytest.raises(RuntimeError, match=r"other\.blend"):
+        bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert closed.is_closed and shown.redraws > redraws
+    shown.pictures.clear()
+    shown.draw()
+    assert shown.viewport is not closed and shown.instances() == 1
+    shown.draw_until(lambda: shown.finished() and bool(shown.pictures))
+    shown.after(lambda: setattr(bpy.context.object, "location", (1, 0, 0)))
+    assert shown.viewport._scene.instances.transforms[0, 0, 3] == 1.0
+    assert shown.said == shown.messages == []
