@@ -42,7 +42,7 @@ class Viewport:
         self._local = False  # whether only chosen objects are shown
         self._shown: _Shown | None = None  # what the renderer was given last
         self._problem = ""  # why the scene could not be exported
-        self._told: Exception | None = None
+        self._told = ""  # of the newest defect, so that the console has it once
         self._drawing = draw.Drawing()
         self._redraw = _redraw(engine)
         self._renderer = lobe.Interactive(self._redraw)
@@ -56,12 +56,19 @@ class Viewport:
         try:
             self._scene = self._export.update(depsgraph, shown, anew=local or local != self._local)
             self._problem = ""
-        except lobe.LobeError as error:
-            self._problem = str(error)
+        except Exception as error:
+            self._problem = self._in_words(error)
         self._local = local
 
     def draw(self, context, depsgraph) -> tuple[str, str]:
         """The newest picture, and the next one asked for if the view is another. Returns Blender's two status texts."""
+        try:
+            return self._draw(context, depsgraph)
+        except Exception as error:
+            draw.message(context.region, self._in_words(error))
+            return "", ""
+
+    def _draw(self, context, depsgraph) -> tuple[str, str]:
         space, region = context.space_data, context.region
         local = bool(space.local_view or space.use_local_collections)
         if local != self._local or (self._scene is None and not self._problem):
@@ -74,7 +81,8 @@ class Viewport:
         picture, problem = self._renderer.picture, self._problem or self._failure()
         if problem:
             draw.message(region, problem)
-        elif picture is not None and not view.is_empty:
+            return "", ""
+        if picture is not None and not view.is_empty:
             self._drawing.draw(picture, view)
         return self._status(picture, view)
 
@@ -112,14 +120,18 @@ class Viewport:
         self._renderer.show(scene, settings)
 
     def _failure(self) -> str:
-        """What the renderer can't do, in words. A defect goes to the console once."""
+        """What the renderer can't do, in words."""
         error = self._renderer.error
-        if error is None:
-            return ""
-        if is_defect(error) and error is not self._told:
-            self._told = error
+        return "" if error is None else self._in_words(error)
+
+    def _in_words(self, error: Exception) -> str:
+        """For the middle of the viewport: Blender shows nobody what is reported here. A defect goes to the console too,
+        once for all draws and edits that come upon it."""
+        message = message_of(error)
+        if is_defect(error) and message != self._told:
+            self._told = message
             traceback.print_exception(error)
-        return message_of(error)
+        return message
 
     def _status(self, picture: lobe.Picture | None, view: View) -> tuple[str, str]:
         message = "waiting for the render" if self._renderer.waiting else self._renderer.message

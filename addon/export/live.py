@@ -42,12 +42,13 @@ class LiveExport:
     def update(self, depsgraph, shown: Callable[[object], bool] | None = None, anew: bool = False) -> Scene:
         """shown: whether the viewport shows an evaluated object. anew: that is another function than before."""
         of = uid_of(depsgraph.scene), depsgraph.view_layer.name
+        before, self._scene = self._scene, None  # after an error all is exported anew
         changes = changes_of(depsgraph.updates)
-        if self._scene is None or of != self._of:
+        if before is None or of != self._of:
             self._of, anew = of, True
             self._kept = Kept()
         self._kept.hear(changes)
-        before, self._scene = self._scene or Scene(), None  # after an error all is exported anew
+        before = before or Scene()
         now = replace(before, world=self._kept.world(depsgraph, Notes()))
         shading = {uid: shading_of(object_) for uid, object_ in changes.shaded.items()}
         shaded = shading.items() <= self._shading.items() and self._table is not None and self._table.lasting

@@ -32,7 +32,7 @@ class Shown:
         self.redraws = 0
         self.pictures: list = []
         self.messages: list[str] = []
-        self.status = ""
+        self.status: str | None = None
         self.said: list[str] = []
         spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
         self.context = SimpleNamespace(
@@ -122,3 +122,41 @@ def test_a_file_that_cannot_be_opened_leaves_the_viewport_alive(shown, tmp_path,
     shown.after(lambda: setattr(bpy.context.object, "location", (1, 0, 0)))
     assert shown.viewport._scene.instances.transforms[0, 0, 3] == 1.0
     assert shown.said == shown.messages == []
+
+
+def test_a_crash_in_the_export_is_said_in_the_viewport(shown, monkeypatch, capfd) -> None:
+    """Until an edit leads to an export that works; in the console it stands once."""
+    instances = importlib.import_module(f"{MODULE}.addon.export.instances")
+    shown.update()
+    shown.draw_until(shown.finished)
+    drawn = len(shown.pictures)
+
+    def crash(*_arguments) -> None:
+        raise KeyError("on purpose")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(instances, "note_object", crash)
+        for x in (1, 2):
+            shown.after(lambda x=x: setattr(bpy.context.object, "location", (x, 0, 0)))
+            assert "object 'Cube'" in shown.messages[-1] and "on purpose" in shown.messages[-1]
+            assert shown.status == "" and len(shown.pictures) == drawn
+    assert capfd.readouterr().err.count("Traceback") == 1
+    said = len(shown.messages)
+    shown.after(lambda: setattr(bpy.context.object, "location", (3, 0, 0)))
+    assert shown.viewport._scene.instances.transforms[0, 0, 3] == 3.0
+    shown.draw_until(shown.finished)
+    assert len(shown.messages) == said
+
+
+def test_a_crash_while_drawing_is_said_until_it_is_over(shown, monkeypatch, capfd) -> None:
+    viewport = importlib.import_module(f"{MODULE}.addon.viewport")
+    shown.update()
+    shown.draw_until(shown.finished)
+    with monkeypatch.context() as broken:
+        broken.setattr(viewport, "export_view", lambda *_: 1 / 0)
+        shown.draw()
+        shown.draw()
+    assert len(shown.messages) == 2 and "ZeroDivisionError" in shown.messages[0] and shown.status == ""
+    assert capfd.readouterr().err.count("Traceback") == 1
+    shown.draw()
+    assert len(shown.messages) == 2 and shown.finished()
