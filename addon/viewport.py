@@ -19,6 +19,9 @@ from . import draw
 from .export import LiveExport, View, export_view, export_viewport_settings, film_exposure
 from .faults import is_defect, message_of
 
+_PROPERTIES = bpy.types.SpaceView3D.bl_rna.properties.keys()
+OBJECT_TYPES = tuple(name for name in _PROPERTIES if name.startswith("show_object_viewport_"))
+
 
 class _Shown(NamedTuple):
     """What the renderer was given, and what it was made of."""
@@ -30,6 +33,23 @@ class _Shown(NamedTuple):
     scene: lobe.Scene
 
 
+class Choice(NamedTuple):
+    """Of the objects that a viewport shows.
+
+    is_local      only those of its local view, or of collections of its own: Blender doesn't say which come and go
+    hidden_types  of Object Types Visibility, the properties' names
+    """
+
+    is_local: bool
+    hidden_types: frozenset[str]
+
+
+def choice_of(space) -> Choice:
+    """Of a bpy `SpaceView3D`."""
+    is_local = bool(space.local_view or space.use_local_collections)
+    return Choice(is_local, frozenset(name for name in OBJECT_TYPES if not getattr(space, name)))
+
+
 class Viewport:
     """Made by the first callback of a `RenderEngine`; closed when Blender drops that engine, at the latest.
 
@@ -39,7 +59,7 @@ class Viewport:
     def __init__(self, engine: bpy.types.RenderEngine):
         self._export = LiveExport()
         self._scene: lobe.Scene | None = None  # as exported, without a camera
-        self._local = False  # whether only chosen objects are shown
+        self._choice: Choice | None = None  # of objects, with which it was exported
         self._shown: _Shown | None = None  # what the renderer was given last
         self._problem = ""  # why the scene could not be exported
         self._told = ""  # of the newest defect, so that the console has it once
@@ -51,14 +71,14 @@ class Viewport:
     def update(self, context, depsgraph) -> None:
         """Blender has evaluated something anew."""
         space = context.space_data
-        local = bool(space.local_view or space.use_local_collections)
-        shown = (lambda object_: object_.visible_in_viewport_get(space)) if local else None
+        choice = choice_of(space)
+        shown = (lambda object_: object_.visible_in_viewport_get(space)) if any(choice) else None
         try:
-            self._scene = self._export.update(depsgraph, shown, anew=local or local != self._local)
+            self._scene = self._export.update(depsgraph, shown, anew=choice.is_local or choice != self._choice)
             self._problem = ""
         except Exception as error:
             self._problem = self._in_words(error)
-        self._local = local
+        self._choice = choice
 
     def draw(self, context, depsgraph) -> tuple[str, str]:
         """The newest picture, and the next one asked for if the view is another. Returns Blender's two status texts."""
@@ -70,8 +90,7 @@ class Viewport:
 
     def _draw(self, context, depsgraph) -> tuple[str, str]:
         space, region = context.space_data, context.region
-        local = bool(space.local_view or space.use_local_collections)
-        if local != self._local or (self._scene is None and not self._problem):
+        if choice_of(space) != self._choice or (self._scene is None and not self._problem):
             self.update(context, depsgraph)
         view = export_view(depsgraph, space, region, context.region_data)
         # Read at every draw, and of the original: scripts change these without that Blender evaluates anything.

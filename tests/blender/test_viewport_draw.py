@@ -11,7 +11,7 @@ import bpy
 import pytest
 from mathutils import Matrix
 
-from tests.blender.export_checks import depsgraph
+from tests.blender.export_checks import add_object, depsgraph
 from tools.lobe_blender import MODULE
 
 pytest.importorskip("gpu")
@@ -160,3 +160,28 @@ def test_a_crash_while_drawing_is_said_until_it_is_over(shown, monkeypatch, capf
     assert capfd.readouterr().err.count("Traceback") == 1
     shown.draw()
     assert len(shown.messages) == 2 and shown.finished()
+
+
+def test_object_types_that_the_viewport_hides(shown) -> None:
+    """Blender evaluates nothing for that: the viewport looks at every draw."""
+    add_object("Lamp", bpy.data.lights.new("Lamp", "POINT"), (0, 0, 5)).data.energy = 10
+    space = shown.context.space_data
+
+    def seen() -> tuple[int, int]:
+        shown.draw()
+        return len(shown.viewport._scene.instances), len(shown.viewport._scene.lights)
+
+    shown.update()
+    assert seen() == (1, 1)
+    space.show_object_viewport_mesh = False
+    assert seen() == (0, 1)
+    shown.after(lambda: setattr(bpy.data.lights["Lamp"], "energy", 20))
+    assert seen() == (0, 1)
+    space.show_object_viewport_light = False
+    assert seen() == (0, 0)
+    space.show_object_viewport_mesh = space.show_object_viewport_light = True
+    assert seen() == (1, 1)
+    exported = shown.viewport._scene
+    space.show_object_viewport_armature = False
+    assert seen() == (1, 1) and shown.viewport._scene is exported
+    assert shown.said == shown.messages == []
