@@ -23,10 +23,14 @@ def uid_of(datablock) -> int:
 class Changes:
     """What has to be exported again.
 
-    placed     where objects stand, which there are, and the lamps
+    placed     where objects stand, and which there are
+    scene      something of the scene or of its view layers: maybe which objects are shown, of which nothing else may be
+               said, and maybe only how the picture is exposed
     shaded     by `uid_of`, evaluated objects of which Blender says that their shading alone has changed. That is so of
                all that have a material that was edited, and of what other rays see; but it is also all that is said of
-               one that a driver hides (what keys change is said by the action, which is listed too)
+               one that a driver hides (what keys change is said by the action, which is listed too). And lamp objects
+               that haven't moved
+    lights     these, evaluated, by `uid_of`
     geometry   `uid_of` objects and of their data whose surfaces were evaluated again
     materials  these, evaluated, by `uid_of`
     nodes      node groups or images, which any material, lamp and world may use
@@ -35,7 +39,9 @@ class Changes:
     """
 
     placed: bool = False
+    scene: bool = False
     shaded: dict[int, bpy.types.Object] = field(default_factory=dict)
+    lights: dict[int, bpy.types.Light] = field(default_factory=dict)
     geometry: set[int] = field(default_factory=set)
     materials: dict[int, bpy.types.Material] = field(default_factory=dict)
     nodes: bool = False
@@ -73,7 +79,11 @@ def _add(changes: Changes, update) -> None:
             changes.world = True
         case bpy.types.Image() | bpy.types.Texture() | bpy.types.MovieClip():
             changes.nodes = changes.images = True
-        case bpy.types.Object() as object_ if _is_shaded_alone(update):
+        case bpy.types.Light() as light:
+            changes.lights[uid_of(light)] = light
+        case bpy.types.Scene() if not (update.is_updated_transform or update.is_updated_geometry):
+            changes.scene = True
+        case bpy.types.Object() as object_ if _is_shaded_alone(update) or _is_lamp_in_its_place(update):
             changes.shaded[uid_of(object_)] = object_
         case bpy.types.Mesh() | bpy.types.Curve() | bpy.types.MetaBall() if _is_shaded_alone(update):
             pass  # what of theirs has a material that was edited; another material counts as geometry
@@ -85,3 +95,8 @@ def _add(changes: Changes, update) -> None:
 
 def _is_shaded_alone(update) -> bool:
     return update.is_updated_shading and not (update.is_updated_transform or update.is_updated_geometry)
+
+
+def _is_lamp_in_its_place(update) -> bool:
+    """The geometry of a lamp object, which has none, is listed when its datablock is edited."""
+    return update.id.type == "LIGHT" and update.is_updated_shading and not update.is_updated_transform

@@ -7,7 +7,7 @@ is found once, at the first of them; the rest of the pass is one dictionary look
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import chain
 from operator import attrgetter
 from typing import NamedTuple
@@ -19,11 +19,11 @@ from ...engine import Instances, Lamp, Mesh, Visibility
 from .changes import uid_of
 from .faults import naming
 from .kept_meshes import KeptMeshes
-from .lights import LampKind, export_light, lamp_kind
+from .lights import PlacedLamp, export_lamps, lit
 from .materials import MaterialTable
 from .meshes import export_mesh
 from .notes import Notes
-from .stop import Stop
+from .stop import ITEMS_A_CHECK, Stop
 from .unsupported import note_object
 
 UNSUPPORTED_TYPES = {
@@ -71,11 +71,11 @@ NO_MATERIAL = (
     "without a material it is drawn as a diffuse surface, in Cycles with a Principled BSDF, which has a gloss: give it "
     "a material"
 )
-ITEMS_A_CHECK = 1024  # a few milliseconds
 
 
 class Placement:
-    """Collects the meshes, instances and lamps of one dependency graph.
+    """Collects the meshes, instances and lamps of one dependency graph. Of `lights` are those that give light; `lamps`
+    are all, for `export_lamps`.
 
     kept   meshes of an export before
     shown  whether to draw an evaluated object; None: all
@@ -87,8 +87,9 @@ class Placement:
         shown: Callable[[object], bool] | None = None, with_uvs: bool = False,
     ) -> None:  # fmt: skip
         self.meshes: list[Mesh] = []
-        self.lights: list[Lamp] = []
-        self._lamp_kinds: list[LampKind] = []
+        self.lamps: list[PlacedLamp] = []
+        self._lamp_objects: list[tuple[str, int, Visibility]] = []  # as the first members of a `PlacedLamp`
+        self._lights: dict[int, bpy.types.Light] = {}  # by `uid_of`, evaluated
         self._materials = materials
         self._notes = notes
         self._stop = stop
@@ -104,6 +105,7 @@ class Placement:
         self._object_names: list[str] = []
         self._pass_index: list[int] = []  # of each of those objects
         self.instances = self._collect(depsgraph.object_instances)
+        self.lights: list[Lamp] = lit(self.lamps)
 
     def _collect(self, items) -> Instances:
         known: dict = {}
@@ -149,14 +151,9 @@ class Placement:
     def _place_lamps(self, kinds: np.ndarray, matrices: np.ndarray) -> None:
         """kinds (items,): of each the lamp, or -1; matrices (items, 3, 4) float32."""
         placed = np.flatnonzero(kinds >= 0)
-        for number, matrix in enumerate(matrices[placed].astype(np.float64, order="C")):
-            if number % ITEMS_A_CHECK == 0:
-                self._stop.check()
-            kind = self._lamp_kinds[kinds[placed[number]]]
-            with naming("light", kind.name):
-                light = export_light(kind, matrix, self._notes)
-            if light is not None:
-                self.lights.append(light)
+        places = zip(kinds[placed].tolist(), matrices[placed].astype(np.float64, order="C"), strict=True)
+        lamps = (PlacedLamp(*self._lamp_objects[kind], matrix) for kind, matrix in places)
+        self.lamps = export_lamps(lamps, self._lights, self._notes, self._stop)
 
     def _kind(self, item, object_) -> Kind:
         if item.show_particles and len(object_.particle_systems):
@@ -191,11 +188,10 @@ class Placement:
         return Kind(mesh, first_slot, slot_count, int(visibility), len(self._object_names) - 1)
 
     def _lamp(self, item, object_) -> Kind:
-        lamp = lamp_kind(object_, self._visibility(item, object_), self._notes)
-        if lamp is None:
-            return NOTHING
-        self._lamp_kinds.append(lamp)
-        return Kind(lamp=len(self._lamp_kinds) - 1)
+        light = uid_of(object_.data)
+        self._lights[light] = object_.data
+        self._lamp_objects.append((object_.name, light, self._visibility(item, object_)))
+        return Kind(lamp=len(self._lamp_objects) - 1)
 
     def _mesh(self, owner, data, parent) -> int:
         """Index of the exported mesh of an evaluated datablock, -1 for one without faces."""
@@ -272,7 +268,7 @@ def shading_of(object_) -> tuple:
     """Of an evaluated object, what a `Placement` depends on and `Changes.shaded` doesn't tell apart, to be compared."""
     flags = [getattr(object_, name) for name in SHADING]
     materials = [slot.material for slot in object_.material_slots] or getattr(object_.data, "materials", None) or []
-    return (*flags, *map(uid_of, materials))
+    return (*flags, uid_of(object_.data), *map(uid_of, materials))
 
 
 def shows_none(mesh: Mesh, materials: list) -> bool:
@@ -281,6 +277,14 @@ def shows_none(mesh: Mesh, materials: list) -> bool:
         return materials[0] is None
     used = np.unique(np.clip(mesh.material_slots, 0, len(materials) - 1))
     return any(materials[slot] is None for slot in used)
+
+
+def shown_objects(depsgraph, objects: Iterable) -> tuple:
+    """What a `Placement` depends on and Blender says of its scene alone, to be compared: which objects are shown, and
+    what is set in the view layer. objects: all of `Depsgraph.objects`."""
+    layer = depsgraph.view_layer
+    uids = tuple(map(attrgetter("original.session_uid"), objects))
+    return uids, layer.use_solid, uid_of(layer.material_override), layer_flags(layer.layer_collection)
 
 
 def instancer_of(item, object_):
@@ -332,3 +336,8 @@ def uses_layer_flags(layer_collection) -> bool:
     if layer_collection.indirect_only or layer_collection.holdout:
         return True
     return any(uses_layer_flags(child) for child in layer_collection.children)
+
+
+def layer_flags(layer_collection) -> tuple:
+    """Of a collection in a view layer, and of all below it, to be compared."""
+    return layer_collection.indirect_only, layer_collection.holdout, *map(layer_flags, layer_collection.children)

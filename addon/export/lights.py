@@ -9,6 +9,7 @@ that emits. Lamps that give no light are left out and listed in `Scene.skipped`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from math import pi
 from typing import NamedTuple
 
@@ -17,16 +18,33 @@ import numpy as np
 
 from ...engine import AreaLight, Lamp, PointLight, SpotLight, SunLight, Visibility
 from . import units
+from .faults import naming
 from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
 from .materials.material import uses_nodes
 from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output
 from .materials.values import Evaluator
 from .notes import WARNING, Notes
+from .stop import ITEMS_A_CHECK, Stop
 from .unsupported import note_light
 
 LIGHTING_RAYS = int(~Visibility.SHADOW)  # whoever is seen by none of them lights nothing
 SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it is named
+
+
+class PlacedLamp(NamedTuple):
+    """A lamp object where it stands, with all that is needed to export it again when its datablock has changed.
+
+    light   `uid_of` the datablock
+    matrix  (3, 4) float64
+    lamp    as it was exported; None where it gives no light
+    """
+
+    name: str
+    light: int
+    visibility: Visibility
+    matrix: np.ndarray
+    lamp: Lamp | None = None
 
 
 class LampKind(NamedTuple):
@@ -39,10 +57,33 @@ class LampKind(NamedTuple):
     visibility: Visibility
 
 
-def lamp_kind(object_, visibility: Visibility, notes: Notes) -> LampKind | None:
-    """A lamp object, wherever it stands, or None where it gives no light."""
-    data = object_.data
-    name = object_.name
+def export_lamps(
+    placed: Iterable[PlacedLamp], lights: Mapping[int, bpy.types.Light], notes: Notes, stop: Stop
+) -> list[PlacedLamp]:
+    """Those whose datablock is one of the evaluated `lights`, by `uid_of`, exported anew; the others as they are."""
+    kinds: dict[tuple[str, int, Visibility], LampKind | None] = {}
+    exported = []
+    for number, lamp in enumerate(placed):
+        if number % ITEMS_A_CHECK == 0:
+            stop.check()
+        if lamp.light in lights:
+            with naming("light", lamp.name):
+                key = lamp.name, lamp.light, lamp.visibility
+                if key not in kinds:
+                    kinds[key] = lamp_kind(lamp.name, lights[lamp.light], lamp.visibility, notes)
+                kind = kinds[key]
+                lamp = lamp._replace(lamp=kind and export_light(kind, lamp.matrix, notes))
+        exported.append(lamp)
+    return exported
+
+
+def lit(placed: Iterable[PlacedLamp]) -> list[Lamp]:
+    """Those that give light."""
+    return [lamp.lamp for lamp in placed if lamp.lamp is not None]
+
+
+def lamp_kind(name: str, data: bpy.types.Light, visibility: Visibility, notes: Notes) -> LampKind | None:
+    """A lamp object of that name, wherever it stands, or None where it gives no light."""
     if data.type not in LIGHT_CONVERTERS:
         notes.warn("light", name, f"type {data.type.lower()} is not supported and left out")
         return None

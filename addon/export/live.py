@@ -8,9 +8,10 @@ from dataclasses import replace
 import bpy
 
 from ...engine import Scene, Settings
-from .changes import changes_of, uid_of
-from .instances import Placement, shading_of
+from .changes import Changes, changes_of, uid_of
+from .instances import Placement, shading_of, shown_objects
 from .kept import Kept, same, take_over
+from .lights import PlacedLamp, export_lamps, lit
 from .materials.material import MaterialTable
 from .notes import Notes
 from .settings import export_settings
@@ -36,8 +37,11 @@ class LiveExport:
         self._of: tuple = ()  # the scene and the view layer that it was exported from
         self._kept = Kept()
         self._table: MaterialTable | None = None  # of the last export of objects, or of materials since
-        # `shading_of` the objects, by `uid_of`, whose shading alone had changed when all objects were exported last.
-        self._shading: dict[int, tuple] = {}
+        # As it was when all objects were exported last.
+        self._frame = 0
+        self._shown: tuple = ()  # `shown_objects`
+        self._shading: dict[int, tuple] = {}  # by `uid_of`, of lamps, and of objects whose shading alone had changed
+        self._lamps: list[PlacedLamp] = []  # with what has become of their lights since
 
     def update(self, depsgraph, shown: Callable[[object], bool] | None = None, anew: bool = False) -> Scene:
         """shown: whether the viewport shows an evaluated object. anew: that is another function than before."""
@@ -51,16 +55,28 @@ class LiveExport:
         before = before or Scene()
         now = replace(before, world=self._kept.world(depsgraph, Notes()))
         shading = {uid: shading_of(object_) for uid, object_ in changes.shaded.items()}
-        shaded = shading.items() <= self._shading.items() and self._table is not None and self._table.lasting
-        if anew or changes.placed or changes.nodes or (changes.is_shading and not shaded):
+        if anew or changes.placed or changes.nodes or not self._stand(depsgraph, changes, shading):
             self._place(depsgraph, shown, now)
-            self._shading = shading  # whose materials are edited once, are edited again
-            take_over(before, now)
-        elif changes.materials:
-            self._shade(depsgraph, changes.materials, now)
-            take_over(before, now)
+            self._shading |= shading  # whose materials are edited once, are edited again
+        else:
+            if changes.lights:
+                self._light(changes.lights, now)
+            if changes.materials:
+                self._shade(depsgraph, changes.materials, now)
+        take_over(before, now)
         self._scene = before if same(before, now) else now
         return self._scene
+
+    def _stand(self, depsgraph, changes: Changes, shading: Mapping[int, tuple]) -> bool:
+        """Whether the objects are those that were exported last, where they were, with the materials that they had. Not
+        sure of it is no."""
+        assert self._table is not None
+        if not self._table.lasting and (changes.is_shading or depsgraph.scene.frame_current != self._frame):
+            return False
+        if not shading.items() <= self._shading.items():
+            return False
+        # With objects it lists the scene when it has found out anew what depends on what.
+        return not changes.scene or (not shading and shown_objects(depsgraph, depsgraph.objects) == self._shown)
 
     def _place(self, depsgraph, shown: Callable[[object], bool] | None, scene: Scene) -> None:
         """Objects, lamps and the materials that objects have, into `scene`."""
@@ -68,9 +84,17 @@ class LiveExport:
         table = self._kept.table(depsgraph, notes)
         placement = Placement(depsgraph, table, notes, self._kept.stop, self._kept.meshes, shown)
         self._kept.placed(table)
-        self._table = table
+        self._table, self._lamps = table, placement.lamps
         scene.meshes, scene.instances, scene.lights = placement.meshes, placement.instances, placement.lights
         scene.materials = table.materials
+        objects = list(depsgraph.objects)
+        self._frame, self._shown = depsgraph.scene.frame_current, shown_objects(depsgraph, objects)
+        self._shading = {uid_of(object_): shading_of(object_) for object_ in objects if object_.type == "LIGHT"}
+
+    def _light(self, changed: Mapping[int, bpy.types.Light], scene: Scene) -> None:
+        """Lamps alone, into `scene`: they stand where they stood."""
+        self._lamps = export_lamps(self._lamps, changed, Notes(), self._kept.stop)
+        scene.lights = lit(self._lamps)
 
     def _shade(self, depsgraph, changed: Mapping[int, bpy.types.Material], scene: Scene) -> None:
         """Materials alone, into `scene`: no object has others than before."""

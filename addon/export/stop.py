@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+ITEMS_A_CHECK = 1024  # of instances: a few milliseconds
+
 
 class ExportStopped(Exception):
     """The caller's `stop` said so."""

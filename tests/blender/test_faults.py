@@ -16,7 +16,7 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.lobe.addon.export import instances, kept
+from bl_ext.user_default.lobe.addon.export import instances, kept, lights
 from bl_ext.user_default.lobe.addon.export import scene as export
 from bl_ext.user_default.lobe.addon.export.materials import material as materials
 
@@ -193,8 +193,8 @@ EXPORTS = {
     "mesh": (instances, "export_mesh", "object 'Table'"),
     "object": (instances, "subdivides_adaptively", "object 'Table'"),
     "material": (materials, "export_material", "material 'Wood'"),
-    "lamp": (instances, "lamp_kind", "object 'Lamp'"),
-    "placed lamp": (instances, "export_light", "light 'Lamp'"),
+    "lamp": (lights, "lamp_kind", "light 'Lamp'"),
+    "placed lamp": (lights, "export_light", "light 'Lamp'"),
     "world": (kept, "export_world", "world 'World'"),
     "camera": (export, "export_camera", "camera 'Camera'"),
 }

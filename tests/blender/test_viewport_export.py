@@ -244,6 +244,142 @@ def test_lamps(viewport):
     assert moved.lights[0].transform[2, 3] == 1.0
 
 
+def set_value(datablock, **values) -> Callable[[], None]:
+    def edit() -> None:
+        for key, value in values.items():
+            setattr(datablock() if callable(datablock) else datablock, key, value)
+
+    return edit
+
+
+def lamp():
+    """Its class changes with its type."""
+    return bpy.data.lights["Lamp"]
+
+
+LAMP_EDITS = {
+    "energy": set_value(lamp, energy=3.0), "off": set_value(lamp, energy=0.0), "on": set_value(lamp, energy=7.0),
+    "color": set_value(lamp, color=(1.0, 0.5, 0.0)), "area": set_value(lamp, type="AREA"),
+    "size": lambda: setattr(lamp(), "size", 2.0) if lamp().type == "AREA" else None,
+    "no area": lambda: setattr(lamp(), "size", 0.0) if lamp().type == "AREA" else None,
+    "sun": set_value(lamp, type="SUN"), "spot": set_value(lamp, type="SPOT"), "point": set_value(lamp, type="POINT"),
+    "shadow": set_value(lamp, use_shadow=False), "radius": set_value(lamp, shadow_soft_size=0.5),
+}  # fmt: skip
+
+
+def layer():
+    return bpy.context.view_layer
+
+
+def collection():
+    """Of the second cube, in the view layer."""
+    return layer().layer_collection.children["Second"]
+
+
+# What leaves objects where they are, and as they are.
+VIEW_EDITS = {
+    "exposure": lambda: setattr(bpy.context.scene.view_settings, "exposure", 1.0),
+    "film": lambda: setattr(bpy.context.scene.render, "film_transparent", True),
+    "resolution": lambda: setattr(bpy.context.scene.render, "resolution_x", 333),
+    "selected": lambda: cube().select_set(True),
+    "active": lambda: setattr(layer().objects, "active", bpy.data.objects["Twin"]),
+    "frame rate": lambda: setattr(bpy.context.scene.render, "fps", 30),
+}
+
+# Blender lists the scene for these too, and often nothing else.
+SCENE_EDITS = {
+    "hidden": lambda: cube().hide_set(True), "shown": lambda: cube().hide_set(False),
+    "hidden lamp": lambda: bpy.data.objects["Lamp"].hide_set(True),
+    "shown lamp": lambda: bpy.data.objects["Lamp"].hide_set(False),
+    "excluded": set_value(collection, exclude=True), "included": set_value(collection, exclude=False),
+    "hidden collection": set_value(collection, hide_viewport=True),
+    "shown collection": set_value(collection, hide_viewport=False),
+    "disabled collection": lambda: setattr(bpy.data.collections["Second"], "hide_viewport", True),
+    "enabled collection": lambda: setattr(bpy.data.collections["Second"], "hide_viewport", False),
+    "indirect only": set_value(collection, indirect_only=True), "direct": set_value(collection, indirect_only=False),
+    "holdout": set_value(collection, holdout=True), "no holdout": set_value(collection, holdout=False),
+    "no surfaces": set_value(layer, use_solid=False), "surfaces": set_value(layer, use_solid=True),
+    "override": lambda: setattr(layer(), "material_override", bpy.data.materials["Paint 1"]),
+    "no override": set_value(layer, material_override=None),
+    "simplified": lambda: setattr(bpy.context.scene.render, "use_simplify", True),
+    "not simplified": lambda: setattr(bpy.context.scene.render, "use_simplify", False),
+    "swapped": lambda: (cube().hide_set(True), bpy.data.objects["Twin"].hide_set(False)),
+    "swapped back": lambda: (cube().hide_set(False), bpy.data.objects["Twin"].hide_set(True)),
+}  # fmt: skip
+
+OBJECT_EDITS = {
+    "moved": lambda: cube().location.__setitem__(0, cube().location[0] + 1.0),
+    "moved lamp": lambda: bpy.data.objects["Lamp"].location.__setitem__(0, bpy.data.objects["Lamp"].location[0] + 1.0),
+    "unseen lamp": lambda: setattr(bpy.data.objects["Lamp"], "visible_glossy", False),
+    "seen lamp": lambda: setattr(bpy.data.objects["Lamp"], "visible_glossy", True),
+    "another lamp": lambda: setattr(bpy.data.objects["Lamp"], "data", bpy.data.lights["Other"]),
+    "the first lamp": lambda: setattr(bpy.data.objects["Lamp"], "data", bpy.data.lights["Lamp"]),
+    "other lamp": lambda: setattr(
+        bpy.data.lights["Other"], "energy", bpy.data.lights["Other"].energy + 1.0
+    ),
+    "red": lambda: color(0, 0.9)(), "green": lambda: color(0, 0.1)(),
+}  # fmt: skip
+
+
+@pytest.fixture
+def in_collections(viewport) -> Viewport:
+    """The second cube is in a collection of its own, and instanced with a lamp; the first has a subdivision."""
+    second = bpy.data.collections.new("Second")
+    bpy.context.scene.collection.children.link(second)
+    second.objects.link(bpy.data.objects["Cube.001"])
+    bpy.context.scene.collection.objects.unlink(bpy.data.objects["Cube.001"])
+    bpy.data.lights.new("Other", "SPOT").energy = 5
+    instanced = bpy.data.objects.new("Instanced lamp", lamp())
+    second.objects.link(instanced)
+    empty = add_object("Empty", None, (0, 0, 4))
+    empty.instance_type, empty.instance_collection = "COLLECTION", second
+    cube().modifiers.new("Smooth", "SUBSURF").levels = 2
+    bpy.context.view_layer.update()
+    return viewport
+
+
+@pytest.mark.parametrize("name", [*LAMP_EDITS, *VIEW_EDITS])
+def test_what_leaves_objects_alone(in_collections, name):
+    """Walking through them takes the longer the more they are."""
+    for type_ in ("POINT", "AREA"):
+        lamp().type = type_
+        bpy.context.view_layer.update()
+        assert walks(in_collections, (LAMP_EDITS | VIEW_EDITS)[name]) == 0
+
+
+def test_a_lamp_with_nodes(viewport):
+    lamp().use_nodes = True
+    strength = lamp().node_tree.nodes["Emission"].inputs["Strength"]
+    bpy.context.view_layer.update()
+    before = viewport.scene
+    edits = [lambda value=value: setattr(strength, "default_value", value) for value in (2.0, 0.0, 3.0)]
+    assert walks(viewport, *edits) == 0
+    assert viewport.scene.lights[0].intensity[0] == pytest.approx(3 * before.lights[0].intensity[0])
+
+
+@pytest.mark.parametrize("name", SCENE_EDITS)
+def test_what_the_scene_says_of_its_objects(in_collections, name):
+    """`after` compares with a new export, before and after the view is edited too."""
+    viewport = in_collections
+    viewport.after(VIEW_EDITS["exposure"])
+    viewport.after(SCENE_EDITS[name])
+    viewport.after(VIEW_EDITS["film"])
+    viewport.after(lambda: (SCENE_EDITS[name](), LAMP_EDITS["on"]()))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_edits_in_any_order(in_collections, seed):
+    """One to three at a time."""
+    random = np.random.default_rng(seed)
+    edits = LAMP_EDITS | VIEW_EDITS | SCENE_EDITS | OBJECT_EDITS
+    for _ in range(40):
+        names = random.choice(list(edits), random.integers(1, 4), replace=False)
+        try:
+            in_collections.after(lambda names=names: [edits[name]() for name in names])
+        except AssertionError as error:
+            raise AssertionError(", ".join(names)) from error
+
+
 def test_world(viewport):
     before = viewport.scene
     background = bpy.data.worlds["World"].node_tree.nodes["Background"].inputs
