@@ -17,6 +17,7 @@ and renders it once, from the end of the making on. Tables go to benchmarks/resu
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -245,22 +246,72 @@ def emitters(options: argparse.Namespace) -> str:
 
 
 def threads(options: argparse.Namespace) -> str:
+    """Beside two threads of one process stand two processes, which share nothing but the machine: what they don't
+    reach, as where two processors are one core's, threads can't."""
     rows = []
     for name in common.SCENES:
         scene = common.prepare(common.scene_path(name), options.resolution, 2)
         steps: dict[Hashable, Callable[[], dict]] = {
             f"{n} threads": partial(render, scene, "LOBE", options.resolution, options.samples, n) for n in (1, 2)
         }
-        one, two = (seconds(reports, "render") for reports in in_turn(steps, options.runs, name).values())
+        with contextlib.ExitStack() as stack:
+            pair = [stack.enter_context(Apart(name, options)) for _ in range(2)]
+            steps["a process"] = partial(longest, pair[:1])
+            steps["two processes"] = partial(longest, pair)
+            found = in_turn(steps, options.runs, name)
+        one, two, alone, beside = (seconds(reports, "render") for reports in found.values())
         rows.append({
             "scene": name,
             "resolution": "{}x{}".format(*options.resolution),
             "samples": options.samples,
             "pairs": options.runs,
             "render, one thread / two": ratio_text(one, two),
+            "two processes' work in the time of one's": ratio_text(2 * alone, beside),
             "wanted": "at least 1.9",
         })  # fmt: skip
     return common.update_table("scale_threads", ("scene", "resolution", "samples"), rows, folder=options.results)
+
+
+class Apart:
+    """A process of its own that renders a sample scene on one thread whenever it is told to."""
+
+    def __init__(self, name: str, options: argparse.Namespace):
+        size = "{}x{}".format(*options.resolution)
+        words = [sys.executable, __file__, "threads", "--apart", name, "--resolution", size]
+        command = [*words, "--samples", str(options.samples)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def __enter__(self) -> Apart:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.communicate()
+
+    def begin(self) -> None:
+        assert self._process.stdin is not None
+        print(file=self._process.stdin, flush=True)
+
+    def end(self) -> float:
+        """Seconds that the render took."""
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise br.ToolError("a render in a process of its own failed")
+        return float(line)
+
+
+def longest(processes: Sequence[Apart]) -> dict:
+    """A report of renders at the same time."""
+    for process in processes:
+        process.begin()
+    return {"seconds": {"render": max(process.end() for process in processes)}}
+
+
+def as_apart(options: argparse.Namespace, say: Callable[[str], None]) -> None:
+    scene = common.prepare(common.scene_path(options.apart), options.resolution, 1)
+    for _ in sys.stdin:
+        report = render(scene, "LOBE", options.resolution, options.samples, 1)
+        say(str(report["seconds"]["render"]))
 
 
 # --- memory, in a process of its own --------------------------------------------------------------------------
@@ -317,6 +368,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="no scene with a larger number of triangles, instances or emitters")  # fmt: skip
     common.add_results(parser)
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--apart", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     fits = affordable(TRIANGLES, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     options.triangles = [count for count in fits if count <= options.largest] or [TRIANGLES[0]]
@@ -331,6 +383,9 @@ def work(options: argparse.Namespace, say: Callable[[str], None]) -> None:
     add_idle_engine()
     if options.child:
         say(json.dumps(as_child(*options.child, options.threads)))
+        return
+    if options.apart:
+        as_apart(options, say)
         return
     for name in QUESTIONS if options.question == "all" else (options.question,):
         scenes.empty_file()
