@@ -56,6 +56,10 @@ def listeners() -> list[list[str]]:
     ]
 
 
+def xdotool(*arguments: str) -> str:
+    return subprocess.check_output(["xdotool", *arguments], text=True)
+
+
 def press() -> None:
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window, area=window.screen.areas[0]):
@@ -100,12 +104,14 @@ def steps():
         yield 1.0
         during, undone = settings(), []
         bpy.app.handlers.undo_post.append(lambda *_: undone.append(True))
-        for window in subprocess.check_output(["xdotool", "search", "--name", "Blender"], text=True).split():
-            subprocess.run(["xdotool", "windowfocus", window, "sleep", "0.2", "key", "ctrl+z"], check=True)
+        focused = xdotool("getwindowfocus")
+        for window in xdotool("search", "--onlyvisible", "--name", "Blender").split():
+            xdotool("windowfocus", window, "sleep", "0.2", "key", "ctrl+z")
             yield 0.5
+        xdotool("windowfocus", focused.strip(), "sleep", "0.2")
         bpy.app.handlers.undo_post.pop()
         SEEN["undo"] = {"heard": bool(undone), "changed": settings() != during, "running": running()}
-        subprocess.run(["xdotool", "key", "Escape"], check=True)
+        xdotool("key", "Escape")
         begun = time.perf_counter()
         yield from until(lambda: not running())
         SEEN["escape"] = {
