@@ -105,3 +105,21 @@ def test_a_small_run_leaves_its_tables(repository: Path, tmp_path: Path) -> None
         assert done.returncode == 0, done.stderr
         with (tmp_path / f"scale_{table}.csv").open(newline="") as file:
             assert list(csv.DictReader(file))
+
+
+def test_two_processes_take_as_long_as_the_slower(scale):
+    told: list[str] = []
+
+    class Made:
+        def __init__(self, seconds: float):
+            self._seconds = seconds
+
+        def begin(self) -> None:
+            told.append("begin")
+
+        def end(self) -> float:
+            told.append("end")
+            return self._seconds
+
+    assert scale.longest([Made(1.0), Made(3.0)]) == {"seconds": {"render": 3.0}}
+    assert told == ["begin", "begin", "end", "end"]  # both are at work at the same time
