@@ -1,8 +1,9 @@
 """What skipping saves: each feature that a scene may lack, and what it costs to have it in the kernel all the same.
 
-The first sample scene that lacks a feature is rendered by its own kernel and by the same one with the feature forced
-on, in turn; tables are filled up as that kernel needs them. Kernels are compiled in processes of their own, each with
-an empty cache. `tools/bench.py --features` prints the table.
+A sample scene that lacks a feature, by choice one with much of what the feature would burden, is rendered by its own
+kernel and by the same one with the feature forced on, in turn; tables are filled up as that kernel needs them. Where
+the kernel that goes in stages doesn't have the feature, both are timed path by path as well. Kernels are compiled in
+processes of their own, each with an empty cache. `tools/bench.py --features` prints the table.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,17 +24,19 @@ from tqdm import tqdm
 
 from benchmarks import common
 from benchmarks.common import br
-from engine import render
+from engine import render, schedule
 from engine.features import EMITTER_TREE, EVERYTHING, Features
 from engine.kernels.embree import build_monitor
+from engine.kernels.staged import covers
 from engine.kernels.tile import new_memory
 from engine.loading import load_kernel
 from engine.pack import pack
+from engine.prepared import Prepared
 from engine.scene import Camera, Scene
 from engine.settings import Settings
 from engine.tiles import tile_kernel
 from tools import metrics
-from tools.forcing import forced
+from tools.forcing import by_path, forced
 
 SAMPLES = 16
 COMPILATIONS = 3
@@ -72,6 +76,21 @@ CHOICES = {
 }
 
 
+# Where there is most to lose: a scene with much of what the feature adds work or memory to.
+TELLING = {
+    "smooth": "many_lights",  # triangles
+    "transparency": "many_lights",  # shadow rays, and short stages path by path
+    "ray_kinds": "many_lights",
+    "holdout": "many_lights",
+    "unshadowed": "many_lights",  # lamps
+    "suns": "plates_phong",  # emitters of another group, whose share then has to be found
+    "world": "plates_phong",
+    "sun_disks": "world",  # rays that meet nothing
+    "transparent_film": "world",
+    "lens": "world",  # camera rays among all rays
+}
+
+
 class Pair(NamedTuple):
     """A scene's own features, and the same with one more."""
 
@@ -97,49 +116,51 @@ def measure(scenes: dict[str, Scene], feature: str, threads: int, runs: int) -> 
     lacking = [name for name, both in pairs.items() if both is not None]
     if not lacking:
         raise br.ToolError(f"all of these scenes have {feature!r}: add one that lacks it")
-    name = lacking[0]
+    name = TELLING[feature] if TELLING.get(feature) in lacking else lacking[0]
     scene, both = scenes[name], pairs[name]
     assert both is not None
-    (middle, low, high), more_bytes = _times_and_tables(scene, settings, feature, runs)
+    leaves_stages = covers(both.own) and not covers(both.forced)
     compile_time, code = _compiled(both)
     return {
         "feature": feature.replace("_", " "),
         "left out": LEFT_OUT[feature],
         "scene": name,
-        "render with it / without": f"{middle:.2f} ({low:.2f} to {high:.2f})",
-        "tables, kB": f"{more_bytes / 1e3:+.0f}",
+        "render with it / without": _ratio(scene, settings, feature, runs),
+        "both path by path": _ratio(scene, settings, feature, runs, by_path) if leaves_stages else "",
+        "tables and threads, kB": f"{more_bytes(scene, settings, feature) / 1e3:+.1f}",
         "machine code, kB": f"{code / 1e3:+.0f}",
         "compile with it / without": f"{compile_time:.2f}",
     }
 
 
-def _times_and_tables(scene: Scene, settings: Settings, feature: str, runs: int):
-    """(median ratio of the render phase with its range, bytes that the tables and the threads' memory grow by)."""
+def _with(feature: str) -> AbstractContextManager[None]:
+    return forced(lambda features: features._replace(**{feature: FORCED[feature]}))
 
-    def change(features: Features) -> Features:
-        return features._replace(**{feature: FORCED[feature]})
 
+def _ratio(scene: Scene, settings: Settings, feature: str, runs: int, both=nullcontext) -> str:
+    """Of the times of the render phase, the median of pairs with its range. both: a context for the two of a pair."""
     seconds: dict[bool, list[float]] = {True: [], False: []}
     for run in range(runs + 1):
         for on in (True, False) if run % 2 else (False, True):
-            if on:
-                with forced(change):
-                    taken = render(scene, asked(settings, feature)).seconds["render"]
-            else:
-                taken = render(scene, settings).seconds["render"]
+            with both(), _with(feature) if on else nullcontext():
+                taken = render(scene, asked(settings, feature) if on else settings).seconds["render"]
             if run:  # the first compiles
                 seconds[on].append(taken)
-    without = _bytes(scene, settings)
-    with forced(change):
-        more = _bytes(scene, asked(settings, feature)) - without
-    return metrics.median_ratio(seconds[True], seconds[False]), more
+    return "{:.2f} ({:.2f} to {:.2f})".format(*metrics.median_ratio(seconds[True], seconds[False]))
+
+
+def more_bytes(scene: Scene, settings: Settings, feature: str) -> int:
+    """That the tables and the threads' memory grow by. They shrink where the kernel goes path by path."""
+    with _with(feature):
+        forced_on = _bytes(scene, asked(settings, feature))
+    return forced_on - _bytes(scene, settings)
 
 
 def _bytes(scene: Scene, settings: Settings) -> int:
-    """Of all tables of a packed scene and of the threads' memory."""
-    packed = pack(scene, settings)
+    """Of all tables of a scene as a render packs it, and of the threads' memory."""
+    packed = schedule.pack_next(Prepared(), scene, settings)
     tables = *packed.geometry, *packed.lights, *packed.environment, *packed.tree
-    memory = new_memory(packed.features, packed.lights.shape_count).nbytes * settings.threads
+    memory = new_memory(packed.features, packed.lights.shape_count).nbytes * settings.thread_count
     return memory + sum(table.nbytes for table in tables if isinstance(table, np.ndarray))
 
 
@@ -178,8 +199,17 @@ def compile_and_say(features: Features) -> None:
     print(json.dumps([seconds, len(code)]))
 
 
+NOTE = """\
+Of the scene that is named, the same render by a kernel that has a feature which the scene lacks. "Both path by path":
+the stages' kernel doesn't have the feature, so with it paths are followed one by one. The first ratio holds that change
+too, and this one, of two renders path by path, is the feature's own. "Tables and threads": by how much the tables of
+that scene grow, and the memory of the threads, of which a batch of paths takes the more.
+
+"""
+
+
 def table(names: list[Path], resolution: tuple[int, int], threads: int, runs: int, folder: Path) -> str:
-    """Measure all features on the first of these scenes that lacks each, and write features.csv and .md."""
+    """Measure each feature on one of these scenes that lacks it, and write features.csv and .md."""
     from tools.exported import exported
 
     scenes = {}
@@ -189,7 +219,7 @@ def table(names: list[Path], resolution: tuple[int, int], threads: int, runs: in
     rows = []
     for feature in tqdm(LEFT_OUT, file=sys.stderr):
         rows.append(measure(scenes, feature, threads, runs))
-        written = common.update_table("features", ("feature",), rows, folder=folder)
+        written = common.update_table("features", ("feature",), rows, folder=folder, note=NOTE)
     return written
 
 

@@ -14,8 +14,9 @@ from unittest import mock
 import numpy as np
 
 import engine.pack.lights as packing_lights
-import engine.schedule as schedule
-from engine.features import CONSTANT_WORLD, EVERYTHING, IMAGE_WORLD, Features
+from engine import schedule, tiles
+from engine.features import CONSTANT_WORLD, EMITTER_TREE, EVERYTHING, IMAGE_WORLD, Features
+from engine.kernels import tile
 from engine.kernels.light.environment import build_environment
 from engine.pack import Packed
 from engine.pack.geometry import INVALID, corners
@@ -43,6 +44,7 @@ def filled_up(packed: Packed, features: Features) -> Packed:
 def forced(change: Callable[[Features], Features]) -> Iterator[None]:
     """Within, the compiled road renders with the features that `change` makes of the scene's own."""
     pack_next, choice_tree = schedule.pack_next, packing_lights.choice_tree
+    wants_tree = change(Features()).emitter_choice == EMITTER_TREE
 
     def packed_otherwise(*arguments) -> Packed:
         packed = pack_next(*arguments)
@@ -50,9 +52,20 @@ def forced(change: Callable[[Features], Features]) -> Iterator[None]:
 
     with (
         mock.patch.object(schedule, "pack_next", packed_otherwise),
-        mock.patch.object(packing_lights, "choice_tree", lambda emitters, _: choice_tree(emitters, 2)),
+        mock.patch.object(packing_lights, "choice_tree", lambda e, groups: choice_tree(e, 2 if wants_tree else groups)),
     ):
         yield
+
+
+@contextlib.contextmanager
+def by_path() -> Iterator[None]:
+    """Within, the compiled road renders path by path what it would render in stages."""
+    tiles.tile_kernel.cache_clear()
+    try:
+        with mock.patch.object(tile, "covers", lambda _: False):
+            yield
+    finally:
+        tiles.tile_kernel.cache_clear()
 
 
 # What the kernel that goes in stages doesn't cover: see engine/kernels/staged.py.

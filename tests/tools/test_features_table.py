@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.features import CHOICES, FORCED, LEFT_OUT, asked, pair
+import pytest
+import scenes
+
+from benchmarks import features
+from benchmarks.common import SCENES
+from benchmarks.features import CHOICES, FORCED, LEFT_OUT, TELLING, asked, more_bytes, pair
 from engine.features import EMITTER_TREE, EVERYTHING, ONE_EMITTER, Features
 from engine.passes import has_data_passes, has_light_passes
 from engine.settings import Settings
@@ -11,6 +16,7 @@ from engine.settings import Settings
 def test_every_feature_has_a_row_or_a_reason():
     assert set(LEFT_OUT) == set(FORCED) >= set(EVERYTHING)
     assert sorted([*LEFT_OUT, *CHOICES]) == sorted(Features._fields)  # each once
+    assert set(TELLING) <= set(LEFT_OUT) and set(TELLING.values()) <= set(SCENES)
 
 
 def test_passes_are_asked_for():
@@ -28,3 +34,52 @@ def test_the_feature_is_the_only_difference():
     own = Features(smooth=1, emitter_choice=ONE_EMITTER)
     both = pair(own, "emitter_choice")
     assert both is not None and both.own == own and both.forced == own._replace(emitter_choice=EMITTER_TREE)
+
+
+@pytest.mark.parametrize(
+    ("feature", "expected"),
+    [
+        ("smooth", 3 * 4),  # of each triangle three numbers of normals
+        ("mesh_emitters", 4),  # an emitter's number
+        ("phong", 0),
+    ],
+)
+def test_tables_grow_by_what_a_feature_keeps_of_each_triangle(feature, expected):
+    scene = scenes.lit_sphere()
+    count = len(scene.meshes[0].triangles)
+    assert count > 1000
+    assert more_bytes(scene, Settings(threads=2), feature) == expected * count
+
+
+def test_memory_is_that_of_every_thread():
+    """Path by path they need no batches, and passes of the light need more of one."""
+    one, three = Settings(threads=1), Settings(threads=3)
+    for feature, sign in ("holdout", -1), ("light_passes", 1):
+        alone = more_bytes(scenes.lit_sphere(), one, feature)
+        assert alone * sign > 50_000
+        assert more_bytes(scenes.lit_sphere(), three, feature) == 3 * alone
+
+
+def test_a_lone_emitter_has_a_tree_where_the_choice_is_forced_and_nowhere_else():
+    scene = scenes.lit_sphere()
+    assert more_bytes(scene, Settings(), "emitter_choice") == 8  # its path; the empty tree has a node as well
+    assert more_bytes(scene, Settings(), "clamp") == 0
+
+
+def test_a_row_is_measured(monkeypatch):
+    """Of a feature that takes the kernel from stages to paths."""
+    monkeypatch.setattr(features, "SAMPLES", 1)
+    monkeypatch.setattr(features, "COMPILATIONS", 1)
+    row = features.measure({"sphere": scenes.lit_sphere(size=16)}, "holdout", threads=1, runs=2)
+    assert (row["feature"], row["left out"], row["scene"]) == ("holdout", LEFT_OUT["holdout"], "sphere")
+    for low, high in ratio(row["render with it / without"]), ratio(row["both path by path"]):
+        assert 0.0 < low <= high
+    assert float(row["tables and threads, kB"]) < -50.0
+    assert int(row["machine code, kB"]) != 0
+    assert float(row["compile with it / without"]) > 0.0
+
+
+def ratio(text: str) -> tuple[float, float]:
+    """The smallest and the largest of "middle (low to high)"."""
+    _, low, _, high = text.replace("(", "").replace(")", "").split()
+    return float(low), float(high)
