@@ -51,6 +51,11 @@ class Recording:
     def shadow_share(self) -> float:
         return float(np.mean(self.records[:, CALL] == OCCLUDED))
 
+    @property
+    def hits(self) -> int:
+        """Rays that met something in the render."""
+        return int(np.count_nonzero(self.records[:, HIT]))
+
 
 def measure(name: str, resolution: tuple[int, int], samples: int, threads: int, runs: int) -> dict:
     """A row of the table for a sample scene, or a file. `common.enable_lobe()` has been called."""
@@ -61,9 +66,12 @@ def measure(name: str, resolution: tuple[int, int], samples: int, threads: int, 
     recording = record(scene, settings)
     packed = pack(scene, settings, np.zeros(1, np.uint8))
     times: dict[str, list[float]] = {"render": [], "replay": []}
+    others = differing(recording, packed)
     for _, what in plan.in_turn(("render", "replay"), runs):
-        taken = render(scene, settings).seconds["render"] if what == "render" else replay(recording, packed, threads)
-        times[what].append(taken)
+        if what == "render":
+            times[what].append(render(scene, settings).seconds["render"])
+        else:
+            times[what].append(replay(recording, packed, threads, others))
     median, low, high = metrics.median_ratio(times["render"], times["replay"])
     return {
         "scene": Path(name).stem,
@@ -73,7 +81,7 @@ def measure(name: str, resolution: tuple[int, int], samples: int, threads: int, 
         "pairs": runs,
         "M rays": f"{len(recording.records) / 1e6:.2f}",
         "shadow rays": f"{recording.shadow_share:.0%}",
-        "rays that end otherwise": f"{differing(recording, packed) / len(recording.records):.1e}",
+        "rays that end otherwise": f"{others / len(recording.records):.1e}",
         "render / replay": f"{median:.2f} ({low:.2f} to {high:.2f})",
         "wanted: at most": f"{WANTED:.2f}",
     }
@@ -228,24 +236,29 @@ def _packet_recorder(name: str, real_address: int, records: np.ndarray, count: n
     return note
 
 
-def replay(recording: Recording, packed, threads: int) -> float:
-    """Seconds that Embree takes for the recorded rays, on so many threads."""
+def replay(recording: Recording, packed, threads: int, others: int) -> float:
+    """Seconds that Embree takes for the recorded rays, on so many threads. others: how many of them may end otherwise;
+    if more do, what was timed wasn't the render's rays."""
     from bl_ext.user_default.lobe.engine.kernels.embree import new_ray
 
     trace, records = _replay_kernel(False), recording.records
     chunks = itertools.count(0, CHUNK)  # a step of it is one call of C: threads may share it
 
-    def work(ray: np.ndarray) -> None:
-        words = ray.view(np.uint32)
+    def work(ray: np.ndarray) -> int:
+        words, hits = ray.view(np.uint32), 0
         while (first := next(chunks)) < len(records):
-            trace(packed.accel.address, records[first : first + CHUNK], ray, words)
+            hits += trace(packed.accel.address, records[first : first + CHUNK], ray, words)
+        return hits
 
     rays = [new_ray(packed.lights.shape_count) for _ in range(threads)]
     trace(packed.accel.address, records[:0], rays[0], rays[0].view(np.uint32))  # compiles
     with ThreadPoolExecutor(threads) as pool:
         begun = time.perf_counter()
-        list(pool.map(work, rays))
-        return time.perf_counter() - begun
+        hits = sum(pool.map(work, rays))
+        seconds = time.perf_counter() - begun
+    if abs(hits - recording.hits) > others:
+        raise RuntimeError(f"{hits} rays met something when they were replayed, and {recording.hits} in the render")
+    return seconds
 
 
 def differing(recording: Recording, packed) -> int:
@@ -259,7 +272,8 @@ def differing(recording: Recording, packed) -> int:
 
 @cache
 def _replay_kernel(compares: bool):
-    """The bare loop; one that compares counts rays that end otherwise. Not kept on disk: it belongs to no render."""
+    """The bare loop, which counts hits; one that compares counts rays that end otherwise. Not kept on disk: it belongs
+    to no render."""
     from bl_ext.user_default.lobe.engine.kernels import embree
 
     pointer, intersect1, occluded1 = embree._pointer, embree._rtcIntersect1, embree._rtcOccluded1
@@ -268,26 +282,25 @@ def _replay_kernel(compares: bool):
 
     @numba.njit(nogil=True, error_model="numpy")
     def trace(scene, records, ray, words):
-        address, others = np.uintp(ray.ctypes.data), 0
+        address, count = np.uintp(ray.ctypes.data), 0
         for i in range(len(records)):
             for word in range(RAY_WORDS):
                 words[word] = records[i, word]
             call = records[i, CALL]
             if call == OCCLUDED:
                 occluded1(pointer(np.uintp(scene)), pointer(address), pointer(np.uintp(0)))
-                if compares:
-                    others += (words[TFAR] >> 31) != records[i, HIT]
-                continue
-            words[geometry_id] = invalid
-            words[instance_id] = invalid
-            if call == INTERSECT:
-                intersect1(pointer(np.uintp(scene)), pointer(address), pointer(np.uintp(0)))
+                hit = words[TFAR] >> 31 != 0
             else:
-                words[lamp_count] = np.uint32(0)
-                intersect1(pointer(np.uintp(scene)), pointer(address), pointer(address + np.uintp(arguments)))
-            if compares:
-                others += (words[geometry_id] != invalid) != (records[i, HIT] != 0)
-        return others
+                words[geometry_id] = invalid
+                words[instance_id] = invalid
+                if call == INTERSECT:
+                    intersect1(pointer(np.uintp(scene)), pointer(address), pointer(np.uintp(0)))
+                else:
+                    words[lamp_count] = np.uint32(0)
+                    intersect1(pointer(np.uintp(scene)), pointer(address), pointer(address + np.uintp(arguments)))
+                hit = words[geometry_id] != invalid
+            count += hit != (records[i, HIT] != 0) if compares else hit
+        return count
 
     return trace
 
