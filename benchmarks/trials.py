@@ -4,6 +4,10 @@ A trial is an edit of a copy of the engine, or another setting. Both copies rend
 process of its own, from the same seeds. What counts is relMSE times the seconds of the render phase: above 1, the
 engine is better as it is. Writes trials.csv and trials.md to benchmarks/results/, and the list of what was tried into
 benchmarks/README.md.
+
+Seconds are the median of pairs, relMSE is the mean over the seeds, without the reference's own. Standard errors are by
+the bootstrap over the seeds, of the very ratio that is reported. What differs from process to process and not from
+render to render, as where memory happens to lie, is seen by the trial without any edit.
 """
 
 from __future__ import annotations
@@ -14,14 +18,14 @@ import json
 import math
 import os
 import pickle
-import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import common
 import numpy as np
@@ -29,19 +33,25 @@ from common import br
 from scipy import stats
 from tqdm import tqdm
 
+from benchmarks.convergence.reference import TRIM
 from benchmarks.convergence.tables import quote
 from engine import Scene
+from engine.kernels import rows
+from engine.kernels.batch import BATCH, COLUMNS, new_batch
+from engine.lighttree import build_light_tree
+from engine.pack import sobol_table
 from tools import metrics
 from tools.exported import exported
 from tools.render import resolution, whole_number
 
 KERNELS = "engine/kernels/"
 REFERENCE_SEED = 10_001
+REFERENCES = 4  # renders that make a reference together, so that its noise is known
 MARKS = "<!-- the list of trials.py -->\n", "<!-- its end -->\n"
-# Of a ratio of seconds, the standard error of its logarithm: so much, root mean square, are those off 1 that a trial
-# leaves as they are ("packets for all rays" where nothing is instanced, "lobes chosen by kd and ks" without Phong).
-TIME_NOISE = 0.045
-NORMAL_95 = 1.96
+KEYS = "instead", "scene"
+RESAMPLES = 1000
+CONFIDENCE = 0.95
+FIREFLIES = 0.5  # share of the relMSE in a thousandth of the pixels from which on these are left out of the verdict
 WORKER = Path(__file__).resolve().parent / "trial_worker.py"
 
 
@@ -49,22 +59,88 @@ WORKER = Path(__file__).resolve().parent / "trial_worker.py"
 class Trial:
     """name: what stands in the technique's place.  edits: (file, text, other text); every occurrence is replaced, and
     there has to be one.  tried: the technique.  kept: the engine has it, and the trial is without it; otherwise the
-    other way round.  price: what it takes, other than seconds."""
+    other way round.  price: what it takes, other than seconds.  settings: other ones.  samples: of both, where the
+    usual number is too few."""
 
     name: str
     tried: str
     kept: bool
-    price: str
+    price: str | Callable[[], str]
     edits: Sequence[tuple[str, str, str]] = ()
     settings: dict = field(default_factory=dict)
+    samples: int | None = None
 
+
+def bytes_of_tree(emitters: int = 1000) -> str:
+    """Not before the list is written: building one is compiled."""
+    three = np.zeros((emitters, 3))
+    tree = build_light_tree(np.hstack([three, three]), three, three[:, 0], three[:, 0], np.ones(emitters))
+    return f"{(tree.nodes.nbytes + tree.paths.nbytes) / emitters:.0f} bytes an emitter"
+
+
+# What a sphere covers is sampled by way of any of its points, of which a ray meets two.
+BY_AREA_OF_SPHERE = """\
+    height, ring = ONE - TWO * u1, radius * TWO * math.sqrt(u1 * (ONE - u1))
+    sine, cosine = sin_cos_turn(u2)
+    wi, _ = direction_and_length(
+        (to_center[0] + ring * cosine, to_center[1] + ring * sine, to_center[2] + radius * height)
+    )
+    t, pdf = _both_points(to_center, radius, wi)
+"""
+BOTH_POINTS = '''@device
+def _both_points(to_center, radius, wi):
+    """(distance of the nearer point, density of points uniform in area)"""
+    along, off = dot(to_center, wi), cross(to_center, wi)
+    half = math.sqrt(max(radius * radius - dot(off, off), SMALL))
+    near, far = along - half, along + half
+    return near, (near * near + far * far) / (TWO * TWO * PI * radius * half)
+
+
+@device
+def sample_sphere('''
+
+# In place of x a counter, whose even bits are the column in the tile and whose odd bits are the row.
+IN_MORTON_ORDER = """@device
+def _even_bits(m):
+    found = NONE
+    for bit in range(16):
+        found |= ((m >> (2 * bit)) & 1) << bit
+    return found
+
+
+@device
+def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y, done):
+    words, n, adaptive = batch.sample_words, NONE, active.size > 1
+    side = 1
+    while side < max(tile[2] - tile[0], tile[3] - tile[1]):
+        side *= 2
+    while n < BATCH and y < tile[3]:
+        column, row = tile[0] + _even_bits(x - tile[0]), tile[1] + _even_bits((x - tile[0]) >> 1)
+        within = column < tile[2] and row < tile[3] and done < sample_count
+        if within and (not adaptive or active[row - origin[1], column - origin[0]]):
+            words[rows.X, n], words[rows.Y, n] = np.uint32(column), np.uint32(row)
+            words[rows.INDEX, n] = np.uint32(first_sample + done)
+            n, done = n + 1, done + 1
+            continue
+        done, x = NONE, x + 1
+        if x - tile[0] >= side * side:
+            y = tile[3]
+    return n, x, y, done
+
+
+@device
+def _next_samples_by_rows("""
+
+# What noise there is between processes is judged by it.
+UNCHANGED = Trial("the same engine", "nothing", True, "none")
 
 TRIALS = (
+    UNCHANGED,
     Trial(
         "independent random numbers",
         "tabulated Owen-scrambled Sobol points",
         True,
-        "a table of 2 MB, for all scenes",
+        f"a table of {sobol_table().nbytes:,} bytes, for all scenes",
         [
             (
                 KERNELS + "sampler/sobol.py",
@@ -84,7 +160,7 @@ TRIALS = (
         "lobes chosen by kd and ks",
         "lobes chosen by their albedos at this angle",
         True,
-        "a table of the lobe's albedo",
+        "a formula for the lobe's albedo at each vertex",
         settings={"lobe_selection": "CLASSIC"},
     ),
     Trial(
@@ -129,12 +205,12 @@ TRIALS = (
         "lights chosen by power",
         "light tree with bounds of distance, cosines and cones",
         True,
-        "64 bytes an emitter",
+        bytes_of_tree,
         [
             (
                 KERNELS + "light/tree.py",
-                "select(above, _importance_above(node, to, half, height), ZERO)",
-                "select(above, node[POWER], ZERO)",
+                "return left_child, _importance(left, p, n), right_child, _importance(right, p, n)",
+                "return left_child, left[POWER], right_child, right[POWER]",
             )
         ],
     ),
@@ -153,18 +229,67 @@ TRIALS = (
         [(KERNELS + "light/spherical.py", "FAR_RATIO = np.float32(2)", "FAR_RATIO = np.float32(0)")],
     ),
     Trial(
+        "spheres sampled by area",
+        "solid-angle sampling of spheres",
+        True,
+        "none",
+        [
+            (
+                KERNELS + "light/spherical.py",
+                """\
+    local = uniform_cone(u1, u2, cap)
+    sine_squared = local[0] * local[0] + local[1] * local[1]
+    wi, pdf = to_world(local, axis), uniform_cone_pdf(cap)
+    t = d * local[2] - math.sqrt(max(r_squared - d_squared * sine_squared, ZERO))
+""",
+                BY_AREA_OF_SPHERE,
+            ),
+            (
+                KERNELS + "light/spherical.py",
+                "    outside_pdf = uniform_cone_pdf(one_minus_cos(min(r_squared / d_squared, ONE)))\n",
+                "    _, outside_pdf = _both_points(to_center, radius, wi)\n",
+            ),
+            (KERNELS + "light/spherical.py", "@device\ndef sample_sphere(", BOTH_POINTS),
+        ],
+    ),
+    Trial(
         "adaptive sampling",
         "adaptive sampling that stops good pixels",
         False,
         "a second sum for each pixel; it is an option",
-        settings={"use_adaptive_sampling": True, "adaptive_threshold": 0.1},
+        settings={"use_adaptive_sampling": True},
+        samples=512,
     ),
     Trial(
         "path by path",
         "stages: batches of paths, rays and shadow rays deferred, sixteen in a register",
         True,
-        "half a megabyte a thread, code",
+        f"{new_batch(0).nbytes:,} bytes a thread, code",
         [(KERNELS + "staged.py", "usual = f.shared_light and not", "usual = False and f.shared_light and not")],
+    ),
+    Trial(
+        "shadow rays at each vertex",
+        "shadow rays deferred until all paths of a batch have theirs",
+        True,
+        f"{rows.SHADOW_ROWS * COLUMNS * 4:,} bytes a thread",
+        [
+            (
+                KERNELS + "staged.py",
+                "shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows, bounces)",
+                """\
+waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, NONE, bounces)
+            occluded_all(f, tables, batch, waiting, bounces == 0)
+            shadows += waiting""",
+            ),
+            (KERNELS + "staged.py", "        occluded_all(f, tables, batch, shadows, first)\n", ""),
+        ],
+    ),
+    Trial(
+        "pixels of a tile in Morton order",
+        "Morton order of the pixels in a tile",
+        False,
+        "code",
+        [(KERNELS + "staged.py", "@device\ndef _next_samples(", IN_MORTON_ORDER)],
     ),
     Trial(
         "single rays",
@@ -194,6 +319,13 @@ TRIALS = (
         [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return not AS_WRITTEN")],
     ),
     Trial(
+        "packets of eight rays",
+        "packets of sixteen rays, not eight, where the processor has them",
+        True,
+        "none",
+        [(KERNELS + "embree.py", "PACKET_WIDTH = _packet_width()", "PACKET_WIDTH = min(_packet_width(), 8)")],
+    ),
+    Trial(
         "packets that aren't said to be alike",
         "telling Embree that the first rays are alike",
         True,
@@ -204,14 +336,14 @@ TRIALS = (
         "a batch of 256 paths",
         "batches of 1,024 paths, not 256",
         True,
-        "memory",
+        f"{new_batch(0).nbytes // BATCH} bytes a path and thread",
         [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 256")],
     ),
     Trial(
         "a batch of 4,096 paths",
         "batches of 4,096 paths",
         False,
-        "memory",
+        f"{new_batch(0).nbytes // BATCH} bytes a path and thread",
         [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 4096")],
     ),
     Trial(
@@ -297,51 +429,92 @@ def edited(folder: Path, trial: Trial | None) -> None:
         path.write_text(text.replace(old, new))
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Of a trial with the engine as it is, on one scene: ratios of seconds and of relMSE, and the relative standard
-    error of the latter."""
+class Reference(NamedTuple):
+    """picture (h, w, 3) float64 and, as large, the variance of each of its numbers, relative as relMSE is."""
 
-    time: float
-    error: float
-    uncertain: float
+    picture: np.ndarray
+    noise: np.ndarray
 
-    @property
-    def cost(self) -> float:
-        return self.time * self.error
+    def errors(self, picture: np.ndarray) -> tuple[float, float]:
+        """relMSE of a picture, the reference's own taken off: whole, and without the worst 0.1 % of the pixels."""
+        raw = metrics.rel_errors(picture, self.picture).ravel()
+        net, best = raw - self.noise.ravel(), np.argsort(raw)[: metrics.kept_by_trimming(raw.size, TRIM)]
+        return float(net.mean()), float(net[best].mean())
 
 
-def compare(usual: Copy, other: Copy, trial: Trial, reference: np.ndarray, options: argparse.Namespace) -> Comparison:
-    """Renders in turn, from the same seeds. The first of each compiles."""
-    seconds: dict[Copy, list[float]] = {usual: [], other: []}
-    errors: dict[Copy, list[float]] = {usual: [], other: []}
-    base = {"samples": options.samples, "threads": options.threads, "pixel_filter": "BOX"}
+def make_reference(pictures: Iterable[np.ndarray]) -> Reference:
+    """From renders of as many samples and other seeds."""
+    renders = np.stack([picture.astype(np.float64) for picture in pictures])
+    mean = renders.mean(axis=0)
+    return Reference(mean, renders.var(axis=0, ddof=1) / len(renders) / (mean**2 + metrics.REL_MSE_EPSILON))
+
+
+# Rows of `compare`'s arrays, and of `log_ratios` behind those.
+SECONDS, WHOLE, TRIMMED = 0, 1, 2
+WHOLE_COST, TRIMMED_COST = 3, 4
+
+
+def compare(usual: Copy, other: Copy, trial: Trial, reference: Reference, options) -> tuple[np.ndarray, np.ndarray]:
+    """Renders in turn, from the same seeds; the first of each compiles. Of the engine as it is and of the trial, arrays
+    (3, seeds): seconds, relMSE and relMSE without the worst pixels."""
+    measured: dict[Copy, list[tuple[float, float, float]]] = {usual: [], other: []}
+    base = {"samples": trial.samples or options.samples, "threads": options.threads, "pixel_filter": "BOX"}
     for run in range(options.seeds + 1):
         for copy in (usual, other) if run % 2 else (other, usual):
             extra = trial.settings if copy is other else {}
             picture, taken = copy.render({**base, "seed": run, **extra})
             if run:
-                seconds[copy].append(taken)
-                errors[copy].append(metrics.rel_mse(picture, reference))
-    time = metrics.median_ratio(seconds[other], seconds[usual])[0]
-    ratio = np.array(errors[other]) / errors[usual]
-    spread = float(stats.sem(np.log(ratio)))
-    return Comparison(time, float(np.mean(errors[other]) / np.mean(errors[usual])), spread)
+                measured[copy].append((taken, *reference.errors(picture)))
+    return np.array(measured[usual]).T, np.array(measured[other]).T
 
 
-def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, np.ndarray], usual: Copy, options) -> dict:
-    """A row of the table."""
-    found = {}
+def log_ratios(usual: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Logarithms of a trial's multiples of the engine's own: seconds, relMSE, trimmed relMSE, and seconds times either.
+    usual, other (3, seeds)."""
+    time = np.median(np.log(other[SECONDS] / usual[SECONDS]))
+    errors = np.log(other[WHOLE:].mean(axis=1) / usual[WHOLE:].mean(axis=1))
+    return np.array([time, *errors, *(time + errors)])
+
+
+def standard_errors(usual: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Of `log_ratios`, by the bootstrap over the seeds: each draw takes the same ones of both."""
+    n = usual.shape[1]
+    draws = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
+    drawn = [log_ratios(usual[:, seeds], other[:, seeds]) for seeds in draws]
+    return np.std(drawn, axis=0) * math.sqrt(n / (n - 1))
+
+
+def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, Reference], usual: Copy, options) -> list:
+    """The rows of a trial, one for each scene."""
+    found = []
     with tempfile.TemporaryDirectory() as folder, contextlib.closing(Copy(Path(folder), trial)) as other:
         for name, scene in scenes.items():
             usual.load(scene)
             other.load(scene)
-            found[name] = compare(usual, other, trial, references[name], options)
-    row = {"instead": trial.name}
-    row |= {
-        name: f"{c.cost:.2f} ({c.time:.2f} x {c.error:.2f} ± {c.error * c.uncertain:.2f})" for name, c in found.items()
+            found.append(row(trial, name, *compare(usual, other, trial, references[name], options)))
+    return found
+
+
+def row(trial: Trial, scene: str, usual: np.ndarray, other: np.ndarray) -> dict[str, str]:
+    """Of the table, from `compare`'s arrays."""
+    whole, trimmed = usual[WHOLE:].mean(axis=1)
+    if min(trimmed, other[TRIMMED].mean()) <= 0:
+        raise br.ToolError(f"{scene}: the reference is too noisy for {trial.name!r}: give it more samples")
+    ratios = [
+        f"{ratio:.3f} ± {ratio * error:.3f}"
+        for ratio, error in zip(np.exp(log_ratios(usual, other)), standard_errors(usual, other), strict=True)
+    ]
+    return {
+        "instead": trial.name,
+        "scene": scene,
+        "pairs": str(usual.shape[1]),
+        "relMSE x seconds": ratios[WHOLE_COST],
+        "the same, trimmed": ratios[TRIMMED_COST],
+        "seconds": ratios[SECONDS],
+        "relMSE": ratios[WHOLE],
+        "trimmed relMSE": ratios[TRIMMED],
+        "in the worst pixels": f"{1 - trimmed * (1 - TRIM) / whole:.0%}",
     }
-    return row | {"geometric mean": f"{stats.gmean([c.cost for c in found.values()]):.2f}"}
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -372,78 +545,117 @@ def run(options: argparse.Namespace, say) -> None:
     for name in common.SCENES:
         common.prepare(common.scene_path(name), options.resolution, options.threads)
         scenes[name] = exported()
-    long = {"samples": options.reference_samples, "seed": REFERENCE_SEED, "pixel_filter": "BOX"}
     with tempfile.TemporaryDirectory() as folder, contextlib.closing(Copy(Path(folder), None)) as usual:
-        references, rows = {}, []
-        for name, scene in scenes.items():
-            usual.load(scene)
-            references[name] = usual.render(long)[0].astype(np.float64)
+        references = {name: reference_of(scene, usual, options) for name, scene in scenes.items()}
+        found: list[dict] = []
         for trial in tqdm(trials, file=sys.stderr):
-            rows.append(measure(trial, scenes, references, usual, options))
-            table = common.update_table("trials", ("instead",), rows, folder=options.results, note=NOTE)
+            found += measure(trial, scenes, references, usual, options)
+            table = common.update_table("trials", KEYS, found, folder=options.results, note=NOTE)
     if options.results == common.RESULTS:
         quote_list()
     say(table)
+
+
+def reference_of(scene: Scene, usual: Copy, options: argparse.Namespace) -> Reference:
+    usual.load(scene)
+    long = {"samples": max(1, options.reference_samples // REFERENCES), "pixel_filter": "BOX"}
+    return make_reference(usual.render({**long, "seed": REFERENCE_SEED + k})[0] for k in range(REFERENCES))
 
 
 def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Path = common.RESULTS) -> None:
     quote(page, section(common.read_table("trials", folder)), MARKS)
 
 
-def section(rows: list[dict[str, str]]) -> str:
+def section(table: list[dict[str, str]]) -> str:
     """What stands in benchmarks/README.md: the list and where it comes from, or that there is none."""
-    if not rows:
+    if not table or not set(KEYS) <= set(table[0]):
         return "Not measured yet.\n"
-    return list_of_tried(rows) + "\nScene by scene: [trials.md](results/trials.md).\n"
+    text = list_of_tried(table)
+    trimmed = sorted({row["scene"] for row in table if has_fireflies(row)})
+    if trimmed:
+        text += f"\nOf relMSE without its worst 0.1 % of pixels, as those hold most of it: {', '.join(trimmed)}.\n"
+    if noise := between_processes(table):
+        text += f"\nFrom process to process the same render's time differs by {math.sqrt(noise):.1%}.\n"
+    return text + "\nScene by scene: [trials.md](results/trials.md).\n"
 
 
-def list_of_tried(rows: list[dict[str, str]]) -> str:
+def list_of_tried(table: list[dict[str, str]]) -> str:
     """Of each technique, relMSE x seconds without it over that with it."""
-    measured = {row["instead"]: row for row in rows}
-    table = []
+    noise, lines = between_processes(table), []
     for trial in TRIALS:
-        if trial.name in measured:
-            gain, scenes = gain_of(costs(measured[trial.name]), trial.kept)
-            table.append(
+        found = [cost_of(row, noise) for row in table if row["instead"] == trial.name]
+        if found and trial is not UNCHANGED:
+            gain, scenes = gain_of(found, trial.kept)
+            lines.append(
                 {
                     "tried": trial.tried,
                     "gain": gain,
                     "least and most": scenes,
-                    "price": trial.price,
+                    "price": trial.price() if callable(trial.price) else trial.price,
                     "kept": "yes" if trial.kept else "no",
                 }
             )
-    return common.markdown(table)
+    return common.markdown(lines) if lines else ""
 
 
-def costs(row: dict[str, str]) -> dict[str, tuple[float, float]]:
-    """Of a row of trials.csv, for each scene relMSE x seconds as a multiple of the engine's own, and the standard error
-    of its logarithm."""
-    found = {}
-    for scene, text in row.items():
-        if scene not in ("instead", "geometric mean"):
-            cost, _, error, uncertain = map(float, re.findall(r"[\d.]+", text))
-            found[scene] = cost, math.hypot(uncertain / error, TIME_NOISE)
-    return found
+class Cost(NamedTuple):
+    """Of a trial on a scene: the logarithm of its relMSE x seconds as a multiple of the engine's own, the variance of
+    that, and of how many pairs both come."""
+
+    scene: str
+    log: float
+    variance: float
+    pairs: int
 
 
-def gain_of(found: dict[str, tuple[float, float]], kept: bool) -> tuple[str, str]:
+def cost_of(row: dict[str, str], noise: float) -> Cost:
+    """Of a row of trials.csv. noise: the variance that a process adds."""
+    log, variance = logarithm(row["the same, trimmed" if has_fireflies(row) else "relMSE x seconds"])
+    return Cost(row["scene"], log, variance + noise, int(row["pairs"]))
+
+
+def has_fireflies(row: dict[str, str]) -> bool:
+    """Whether most of the engine's own relMSE is that of a thousandth of its pixels."""
+    return float(row["in the worst pixels"].rstrip("%")) / 100 > FIREFLIES
+
+
+def logarithm(text: str) -> tuple[float, float]:
+    """(logarithm, its variance) of "ratio ± standard error"."""
+    ratio, error = map(float, text.split(" ± "))
+    return math.log(ratio), (error / ratio) ** 2
+
+
+def between_processes(table: list[dict[str, str]]) -> float:
+    """Variance of the logarithm of a ratio of seconds, where the two engines are the same, beyond what the renders'
+    own scatter explains."""
+    logs = [logarithm(row["seconds"]) for row in table if row["instead"] == UNCHANGED.name]
+    return max(float(np.mean([log**2 - variance for log, variance in logs])), 0.0) if logs else 0.0
+
+
+def gain_of(costs: list[Cost], kept: bool) -> tuple[str, str]:
     """Geometric mean over the scenes with its 95 % interval as it was measured, and what it is where it is least and
-    most."""
+    most. The quantile is Student's, its degrees of freedom as Satterthwaite's sum of the scenes' variances has them."""
     sign = 1 if kept else -1
-    logs = {scene: sign * math.log(cost) for scene, (cost, _) in found.items()}
-    middle = sum(logs.values()) / len(logs)
-    half = NORMAL_95 * math.hypot(*(noise for _, noise in found.values())) / len(logs)
+    gains = {cost.scene: sign * cost.log for cost in costs}
+    middle = sum(gains.values()) / len(gains)
+    variances = np.array([cost.variance for cost in costs])
+    half, total = 0.0, float(variances.sum())
+    if total > 0:
+        freedom = total**2 / float((variances**2 / [cost.pairs - 1 for cost in costs]).sum())
+        half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(total) / len(gains)
     interval = f"{math.exp(middle):.2f} ({math.exp(middle - half):.2f} to {math.exp(middle + half):.2f})"
     if abs(middle) <= half:
         interval += ": no difference"
-    least, most = min(logs, key=logs.__getitem__), max(logs, key=logs.__getitem__)
-    return interval, f"{math.exp(logs[least]):.2f} on {least}, {math.exp(logs[most]):.2f} on {most}"
+    least, most = min(gains, key=gains.__getitem__), max(gains, key=gains.__getitem__)
+    return interval, f"{math.exp(gains[least]):.2f} on {least}, {math.exp(gains[most]):.2f} on {most}"
 
 
-NOTE = """\
-Seconds of the render phase times relMSE with another technique, as a multiple of the engine's own; in brackets the two
-factors, of seconds (a median of pairs) and of relMSE with its standard error. Above 1 the engine is better as it is.
+NOTE = f"""\
+Multiples of the engine's own, with the standard error by the bootstrap over the seeds; above 1 the engine is better as
+it is. Seconds are of the render phase, the median of pairs; relMSE is without that of the reference, the mean over the
+seeds. Trimmed: without the worst 0.1 % of a picture's numbers. "In the worst pixels" is the share of the engine's own
+relMSE that those hold; from {FIREFLIES:.0%} on, the list of what was tried takes what is trimmed. "{UNCHANGED.name}"
+has no edit: what its seconds are off 1 is noise.
 
 """
 

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import difflib
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from engine import Settings
+from engine.adaptive import MIN_SAMPLES
+from engine.kernels.batch import new_batch
+from engine.schedule import schedule
+from tools import metrics
 from tools.blender_render import ToolError
 
 
@@ -18,7 +28,96 @@ def test_each_edit_finds_its_text(trials, tmp_path):
     for k, trial in enumerate(trials.TRIALS):
         trials.edited(tmp_path / str(k), trial)
         Settings(**trial.settings).validate()
-        assert trial.edits or trial.settings
+        assert bool(trial.edits or trial.settings) == (trial is not trials.UNCHANGED)
+    assert len({trial.name for trial in trials.TRIALS}) == len({trial.tried for trial in trials.TRIALS}) == k + 1
+
+
+def edited(trials, name: str, folder: Path) -> Path:
+    """The folder, with the engine of this trial."""
+    trials.edited(folder, trials.chosen([name])[0])
+    return folder
+
+
+def changed(trials, folder: Path, name: str) -> list[str]:
+    """Lines of a file of the engine that a trial has changed or added."""
+    before, after = ((root / "engine" / "kernels" / name).read_text() for root in (trials.common.ROOT, folder))
+    return [line[2:].strip() for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] == "+"]
+
+
+def test_lights_by_power_are_another_choice_between_children_and_nothing_else(trials, tmp_path):
+    """The same estimate shares the groups out, and says what is below the horizon."""
+    lines = changed(trials, edited(trials, "lights chosen by power", tmp_path), "light/tree.py")
+    assert lines == ["return left_child, left[POWER], right_child, right[POWER]"]
+
+
+def test_adaptive_sampling_decides_many_times_at_its_usual_threshold(trials):
+    trial = trials.chosen(["adaptive sampling"])[0]
+    assert "adaptive_threshold" not in trial.settings
+    decisions = [first + count for first, count in schedule(trial.samples) if first + count >= MIN_SAMPLES]
+    assert len(decisions) > 10 and decisions[-1] == trial.samples
+
+
+def run(folder: Path, code: str) -> str:
+    """What a program prints that imports the engine in this folder."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_morton_order_has_each_sample_of_a_tile_once(trials, tmp_path):
+    """In Python, not compiled. The tile isn't square, and batches end within pixels."""
+    found = run(edited(trials, "pixels of a tile in Morton order", tmp_path), MORTON)
+    places = [tuple(map(int, line.split())) for line in found.splitlines()]
+    assert sorted(places) == sorted((x, y, k) for x in range(10, 15) for y in range(20, 26) for k in range(7, 10))
+    pixels = [place[:2] for place in places[::3]]
+    assert pixels[:8] == [(10, 20), (11, 20), (10, 21), (11, 21), (12, 20), (13, 20), (12, 21), (13, 21)]
+
+
+MORTON = """
+import types
+import numpy as np
+from engine.kernels import staged
+def plain(f):
+    return types.FunctionType(f.py_func.__code__, known)
+known = {**vars(staged), "BATCH": 8}
+known["_even_bits"] = plain(staged._even_bits)
+fill = plain(staged._next_samples)
+words = np.zeros((8, 8), np.uint32)
+batch = types.SimpleNamespace(sample_words=words)
+tile, x, y, done, n = (10, 20, 15, 26), 10, 20, 0, 1
+while n:
+    n, x, y, done = fill(batch, tile, 7, 3, (0, 0), np.ones((1, 1), bool), x, y, done)
+    for k in range(n):
+        print(*words[[staged.rows.X, staged.rows.Y, staged.rows.INDEX], k])
+"""
+
+
+def test_spheres_by_area_are_sampled_as_their_density_says(trials, tmp_path):
+    """The mean of 1 / density is the solid angle; the density of a direction is that of the draw."""
+    found = run(edited(trials, "spheres sampled by area", tmp_path), SPHERE)
+    mean, expected, largest_difference, farthest = map(float, found.split())
+    assert mean == pytest.approx(expected, rel=0.02)
+    assert largest_difference < 1e-3 and farthest < 1e-4
+
+
+SPHERE = """
+import math, numba, numpy as np
+from engine.kernels.light.spherical import sample_sphere, sphere_pdf
+F = np.float32
+p, n, center, radius = (F(0.3), F(-0.2), F(0.1)), (F(0), F(0), F(1)), (F(1.0), F(0.5), F(1.2)), F(0.8)
+@numba.njit
+def draw(u):
+    found = np.zeros((len(u), 6))
+    for i in range(len(u)):
+        wi, t, pdf = sample_sphere(p, n, center, radius, u[i, 0], u[i, 1])
+        found[i] = wi[0], wi[1], wi[2], t, pdf, sphere_pdf(p, n, center, radius, wi)
+    return found
+found = draw(np.random.default_rng(1).random((200_000, 2), np.float32))
+to = np.subtract(center, p).astype(float)
+off = np.abs(np.linalg.norm(found[:, :3] * found[:, 3:4] - to, axis=1) - radius)
+solid_angle = 2 * math.pi * (1 - math.sqrt(1 - radius**2 / (to @ to)))
+print((1 / found[:, 4]).mean(), solid_angle, np.abs(found[:, 5] / found[:, 4] - 1).max(), off.max())
+"""
 
 
 def test_an_edit_of_what_is_gone_is_refused(trials, tmp_path):
@@ -34,39 +133,128 @@ def test_names_are_checked(trials):
         trials.chosen(["double rays"])
 
 
-def test_the_list_of_what_was_tried_turns_gains_about(trials):
-    """A technique that the engine has gains what its trial lost; one that it hasn't, what its trial gained."""
-    lines = trials.list_of_tried([row("no roulette", 1.25, 1.25), row("balance heuristic", 1.25, 1.25)]).splitlines()
-    assert [line.split(" | ")[1:] for line in lines[2:]] == [
-        ["1.25 (1.17 to 1.33)", "1.25 on scene 0, 1.25 on scene 0", "a random number for each vertex", "yes |"],
-        ["0.80 (0.75 to 0.85)", "0.80 on scene 0, 0.80 on scene 0", "none", "no |"],
+def test_prices_are_those_of_the_arrays(trials):
+    prices = {t.name: t.price() if callable(t.price) else t.price for t in trials.TRIALS}
+    assert prices["independent random numbers"] == f"a table of {4 * 4096 * 4:,} bytes, for all scenes"
+    assert prices["lights chosen by power"] == "136 bytes an emitter"  # two nodes of a cache line, and a path
+    assert prices["path by path"] == f"{new_batch(0).nbytes:,} bytes a thread, code"
+
+
+def test_ratios_and_their_errors_are_of_the_same_estimate(trials):
+    """Seeds that err alike in both engines: each error is large, and their ratio is sure. Times are pairs too."""
+    random = np.random.default_rng(3)
+    usual = np.exp(random.normal(0, 1, (3, 8)))
+    other = usual * np.array([[1.5], [0.5], [0.8]])
+    assert trials.log_ratios(usual, other) == pytest.approx(np.log([1.5, 0.5, 0.8, 0.75, 1.2]))
+    assert trials.standard_errors(usual, other) == pytest.approx(np.zeros(5), abs=1e-12)
+
+
+def test_the_bootstrap_finds_the_error_of_the_ratio_of_means(trials):
+    """Lognormal errors: the standard deviation of what many experiments find."""
+    random = np.random.default_rng(5)
+    experiments = np.exp(random.normal(0, 0.3, (400, 2, 3, 8)))
+    found = np.array([trials.log_ratios(*pair) for pair in experiments])
+    errors = np.array([trials.standard_errors(*pair) for pair in experiments[:20]])
+    assert np.sqrt((errors**2).mean(axis=0)) == pytest.approx(found.std(axis=0), rel=0.25)
+
+
+def test_the_reference_gives_back_what_it_adds(trials):
+    """Pictures without any error measure the reference's own noise, and it is taken off again."""
+    random, truth = np.random.default_rng(7), np.full((64, 64, 3), 0.7)
+    noisy = [truth + random.normal(0, 0.02, truth.shape) for _ in range(trials.REFERENCES)]
+    reference = trials.make_reference(noisy)
+    own = 0.02**2 / trials.REFERENCES / (0.7**2 + metrics.REL_MSE_EPSILON)
+    assert reference.noise.mean() == pytest.approx(own, rel=0.05)
+    assert abs(reference.errors(truth)[0]) < 0.05 * own
+    off = truth + random.normal(0, 0.01, truth.shape)
+    assert reference.errors(off)[0] == pytest.approx(own, rel=0.05)  # 0.01 is half of 0.02
+    firefly = truth.copy()
+    firefly[0, 0] = 100
+    whole, trimmed = reference.errors(firefly)
+    assert whole > 1 and abs(trimmed) < 0.05 * own
+
+
+def rows_of(trials, name: str, *costs: float, spread: float = 0.02, share: str = "10%", seconds=1.0) -> list[dict]:
+    """Of trials.csv, as so many scenes: costs with a standard error of `spread`, four times those where trimmed."""
+    return [
+        {
+            "instead": name,
+            "scene": f"scene {k}",
+            "pairs": "8",
+            "relMSE x seconds": f"{cost:.3f} ± {cost * spread:.3f}",
+            "the same, trimmed": f"{cost * 4:.3f} ± {cost * 4 * spread:.3f}",
+            "seconds": f"{seconds:.3f} ± 0.000",
+            "relMSE": f"{cost:.3f} ± {cost * spread:.3f}",
+            "trimmed relMSE": f"{cost * 4:.3f} ± {cost * 4 * spread:.3f}",
+            "in the worst pixels": share,
+        }
+        for k, cost in enumerate(costs)
     ]
 
 
-def row(name: str, *costs: float) -> dict[str, str]:
-    """Of trials.csv."""
-    scenes = {f"scene {k}": f"{cost:.2f} (1.00 x {cost:.2f} ± 0.01)" for k, cost in enumerate(costs)}
-    return {"instead": name, **scenes, "geometric mean": "not looked at"}
+def listed(trials, table: list[dict]) -> list[list[str]]:
+    return [line.strip("| ").split(" | ") for line in trials.list_of_tried(table).splitlines()[2:]]
 
 
-def test_a_gain_that_noise_could_be_is_none(trials):
-    """Two scenes: what is uncertain about each is TIME_NOISE of its seconds and its relMSE's standard error."""
-    found = trials.costs(row("no roulette", 0.9, 1.5))
-    assert found["scene 1"] == (1.5, pytest.approx(np.hypot(0.01 / 1.5, trials.TIME_NOISE)))
-    gain, scenes = trials.gain_of(found, True)
+def test_the_list_of_what_was_tried_turns_gains_about(trials):
+    """A technique that the engine has gains what its trial lost; one that it hasn't, what its trial gained."""
+    kept, other = rows_of(trials, "no roulette", 1.25, 1.25), rows_of(trials, "balance heuristic", 1.25, 1.25)
+    roulette, balance = listed(trials, kept + other)
+    assert roulette[1].startswith("1.25 (1.2") and balance[1].startswith("0.80 (0.7")
+    assert roulette[2:] == ["1.25 on scene 0, 1.25 on scene 0", "a random number for each vertex", "yes"]
+    assert balance[2:] == ["0.80 on scene 0, 0.80 on scene 0", "none", "no"]
+
+
+def test_intervals_have_the_quantile_of_so_few_seeds(trials):
+    """Two scenes of eight pairs, as sure as each other: fourteen degrees of freedom."""
+    (line,) = listed(trials, rows_of(trials, "no roulette", 0.9, 1.5))
+    half = stats.t.ppf(0.975, 14) * 0.02 * 2**0.5 / 2
     middle = (0.9 * 1.5) ** 0.5
-    half = 1.96 * np.hypot(np.hypot(0.01 / 0.9, trials.TIME_NOISE), np.hypot(0.01 / 1.5, trials.TIME_NOISE)) / 2
-    assert gain == f"{middle:.2f} ({middle * np.exp(-half):.2f} to {middle * np.exp(half):.2f})"
-    assert scenes == "0.90 on scene 0, 1.50 on scene 1"
-    assert trials.gain_of(found, False)[1] == "0.67 on scene 1, 1.11 on scene 0"
-    assert trials.gain_of(trials.costs(row("no roulette", 0.97, 1.05)), True)[0].endswith(": no difference")
+    assert line[1] == f"{middle:.2f} ({middle * np.exp(-half):.2f} to {middle * np.exp(half):.2f})"
+    assert line[2] == "0.90 on scene 0, 1.50 on scene 1"
+    assert listed(trials, rows_of(trials, "no roulette", 0.98, 1.04))[0][1].endswith(": no difference")
+
+
+def test_what_the_same_engine_differs_from_itself_widens_all_intervals(trials):
+    table = rows_of(trials, "no roulette", 1.08, 1.08)
+    assert not listed(trials, table)[0][1].endswith(": no difference")
+    table += rows_of(trials, trials.UNCHANGED.name, 1.0, 1.0, seconds=1.1)
+    assert trials.between_processes(table) == pytest.approx(np.log(1.1) ** 2)
+    ((tried, gain, *_),) = listed(trials, table)  # no row for what isn't a technique
+    assert tried == "Russian roulette by throughput" and gain.endswith(": no difference")
+    assert "differs by 9.5%" in trials.section(table)
+
+
+def test_fireflies_are_left_out_of_the_verdict_and_it_is_said_where(trials):
+    (line,) = listed(trials, rows_of(trials, "no roulette", 1.0, share="80%"))
+    assert line[1].startswith("4.00 (")
+    assert "as those hold most of it: scene 0." in trials.section(rows_of(trials, "no roulette", 1.0, share="80%"))
+    assert "hold most" not in trials.section(rows_of(trials, "no roulette", 1.0))
+
+
+def test_a_row_is_written_from_what_was_measured(trials):
+    usual = np.array([[1.0, 1.0], [0.2, 0.2], [0.1, 0.1]])
+    row = trials.row(trials.chosen(["no roulette"])[0], "lamps", usual, usual * np.array([[2.0], [0.5], [0.75]]))
+    assert row == {
+        "instead": "no roulette",
+        "scene": "lamps",
+        "pairs": "2",
+        "relMSE x seconds": "1.000 ± 0.000",
+        "the same, trimmed": "1.500 ± 0.000",
+        "seconds": "2.000 ± 0.000",
+        "relMSE": "0.500 ± 0.000",
+        "trimmed relMSE": "0.750 ± 0.000",
+        "in the worst pixels": "50%",
+    }
+    with pytest.raises(ToolError, match="lamps: the reference is too noisy for 'no roulette'"):
+        trials.row(trials.chosen(["no roulette"])[0], "lamps", usual, -usual)
 
 
 def test_the_list_is_written_from_the_kept_rows_alone(trials, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"before\n{trials.MARKS[0]}old\n{trials.MARKS[1]}after\n")
-    rows = [row("no roulette", 1.25, 1.25)]
-    trials.common.update_table("trials", ("instead",), rows, folder=tmp_path)
+    rows = rows_of(trials, "no roulette", 1.25, 1.25)
+    trials.common.update_table("trials", trials.KEYS, rows, folder=tmp_path)
     trials.quote_list(page, tmp_path)
     table = trials.section(rows)
     assert "| Russian roulette by throughput |" in table and "(results/trials.md)" in table
