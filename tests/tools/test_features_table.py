@@ -66,6 +66,16 @@ def test_a_lone_emitter_has_a_tree_where_the_choice_is_forced_and_nowhere_else()
     assert more_bytes(scene, Settings(), "clamp") == 0
 
 
+@pytest.mark.parametrize(("feature", "scene"), [("smooth", "many_lights"), ("phong", "first"), ("suns", "first")])
+def test_a_feature_is_measured_where_it_tells(monkeypatch, feature, scene):
+    """Where that scene is among those that lack it; otherwise on the first of these."""
+    monkeypatch.setattr(features, "_ratio", lambda *_: "1.00 (1.00 to 1.00)")
+    monkeypatch.setattr(features, "_compiled", lambda _: (1.0, 0))
+    given = {"first": scenes.lit_sphere(), "many_lights": scenes.lit_sphere()}
+    row = features.measure(given, feature, threads=1, runs=1)
+    assert (row["scene"], row["both path by path"]) == (scene, "")
+
+
 def test_a_row_is_measured(monkeypatch):
     """Of a feature that takes the kernel from stages to paths."""
     monkeypatch.setattr(features, "SAMPLES", 1)
