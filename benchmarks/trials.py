@@ -222,6 +222,19 @@ TRIALS = (
         [(KERNELS + "light/groups.py", "LEAST_SHARE = np.float32(1 / 3)", "LEAST_SHARE = np.float32(1)")],
     ),
     Trial(
+        "lamps in Embree's scene, however few",
+        "a few lamps asked one after the other",
+        True,
+        "a second way for rays to meet lamps",
+        [
+            (
+                "engine/pack/lamps.py",
+                "MOST_LISTED_ROUND, MOST_LISTED_FLAT = 128, 16",
+                "MOST_LISTED_ROUND, MOST_LISTED_FLAT = 0, 0",
+            )
+        ],
+    ),
+    Trial(
         "emitters sampled by area",
         "solid-angle sampling of triangles and rectangles",
         True,

@@ -36,8 +36,8 @@ from .sampler.sobol import sample_1d, sample_2d
 from .simd import at, float32, no, select
 from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, HOLDOUT, KD, KS
 
-# Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule; on the Cornell box 1.25 takes
-# 5 % more rays and 13 % off the variance.
+# Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule: the trial "roulette
+# of Cycles" of benchmarks/trials.py.
 ROULETTE_KEEP = np.float32(1.25)
 
 
