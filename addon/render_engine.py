@@ -44,8 +44,11 @@ class LobeRenderEngine(bpy.types.RenderEngine):
         if self.failed:
             return
         with _reporting(self):
+            from .report import start_report
             from .session import Session
 
+            if self.frame_report is None:
+                self.frame_report = start_report(self.is_preview)
             self.session = Session(self, depsgraph)
 
     def render(self, depsgraph) -> None:
@@ -53,10 +56,6 @@ class LobeRenderEngine(bpy.types.RenderEngine):
         if session is None:
             return
         with _reporting(self), _viewports_paused(self):
-            from .report import start_report
-
-            if self.frame_report is None:
-                self.frame_report = start_report(self.is_preview)
             session.render(self.frame_report)
 
     def render_frame_finish(self) -> None:

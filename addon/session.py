@@ -47,36 +47,43 @@ class Session:
         engine.update_stats("", "Exporting")
         self.engine = engine
         self.layer = depsgraph.view_layer_eval.name
+        self.notes = Notes()
+        self.scene_key = None if engine.is_preview else scene_report.key(depsgraph.scene)
+        self.scene: lobe.Scene | None = None  # None when the user cancelled the export
+        with contextlib.suppress(ExportStopped), self._noting_errors():
+            self._export(depsgraph)
+        self.export_seconds = time.perf_counter() - start
+
+    def _export(self, depsgraph: bpy.types.Depsgraph) -> None:
+        engine = self.engine
         passes = () if engine.is_preview else wanted_passes(depsgraph.view_layer)
         self.settings = dataclasses.replace(export_settings(depsgraph.scene_eval), passes=passes)
         if engine.is_preview:
             samples = min(self.settings.samples, PREVIEW_SAMPLES)
             self.settings = dataclasses.replace(self.settings, samples=samples)
         self.denoising = not engine.is_preview and property_group(depsgraph.scene_eval, "lobe").use_denoising
-        self.notes = Notes()
-        self.scene_key = None if engine.is_preview else scene_report.key(depsgraph.scene)
-        self.scene: lobe.Scene | None = None  # None when the user cancelled the export
         layers = _kept_layers(engine, depsgraph)
         kept = layers.of(depsgraph)
         self.prepared = kept.prepared
-        with contextlib.suppress(ExportStopped), self._noting_errors():
-            self.scene = export_scene(depsgraph, stop=self.cancelled, notes=self.notes, kept=kept)
-            layers.keep(depsgraph, kept)
-        self.export_seconds = time.perf_counter() - start
+        self.scene = export_scene(depsgraph, stop=self.cancelled, notes=self.notes, kept=kept)
+        layers.keep(depsgraph, kept)
 
     def render(self, report: dict) -> None:
         """Trace and write the layer's picture; adds to the frame's `report`."""
         if self.scene is None:
             report["stopped"] = True
             return
+        with self._noting_errors():
+            self._render(report)
+
+    def _render(self, report: dict) -> None:
         start = time.perf_counter()
         picture = _Picture(self.engine, self.scene, self.layer)
         worker = _Worker(self.scene, self.settings, self.prepared)
         finished = False
         try:
             self._watch(worker, picture)
-            with self._noting_errors():
-                result = worker.outcome()
+            result = worker.outcome()
             if result is None:  # cancelled before it traced, and left to end by itself
                 report["stopped"] = True
             else:
@@ -119,10 +126,12 @@ class Session:
 
     @contextlib.contextmanager
     def _noting_errors(self):
-        """What ends the render goes into the scene report too."""
+        """What ends the render goes into the scene report too, in the place of what was found there before."""
         try:
             yield
-        except (lobe.LobeError, MemoryError) as error:
+        except ExportStopped:
+            raise
+        except Exception as error:
             if self.scene_key is not None:
                 failed = scene_report.note_from_sentence(scene_report.ERROR, message_of(error))
                 scene_report.keep(self.scene_key, "render", [failed, *self.notes.all])

@@ -215,6 +215,21 @@ def test_a_defect_in_an_export_names_what_it_happened_at(scene, rendered, what, 
     assert np.array_equal(rendered(scene), whole)
 
 
+@pytest.mark.parametrize("phase", ["settings", "export", "render"])
+def test_after_a_defect_no_report_is_of_the_render_before(scene, rendered, report, session, phase, monkeypatch) -> None:
+    scene_report = importlib.import_module(f"{MODULE}.addon.scene_report")
+    rendered(scene)
+    assert report["samples"] and not scene_report.report_of(scene).of_level("ERROR")
+    places = {"settings": (session, "export_settings"), "export": (instances, "export_mesh")}
+    monkeypatch.setattr(*places.get(phase, (session, "fill_passes")), on_purpose)
+    said = refused().removeprefix("Error: ")
+    assert not report
+    assert [group.what for group in scene_report.report_of(scene).of_level("ERROR")] == [said]
+    monkeypatch.undo()
+    rendered(scene)
+    assert report["samples"] and not scene_report.report_of(scene).of_level("ERROR")
+
+
 @pytest.mark.parametrize("what", EXPORTS)
 def test_an_export_that_finds_no_memory_names_what_it_was_for(scene, what, monkeypatch, capfd) -> None:
     module, function, named = EXPORTS[what]
