@@ -94,9 +94,14 @@ def note_libraries(notes: Notes) -> None:
             notes.warn("library", library.filepath, "it is missing, and so is what is linked from it")
 
 
+def working_space() -> str:
+    """Of the open file, which has one from Blender 5.0 on."""
+    return getattr(getattr(bpy.data, "colorspace", None), "working_space", WORKING_SPACE)
+
+
 def note_working_space(notes: Notes) -> None:
-    """From Blender 5.0 on a file has one; all conversions of colours here are to the default."""
-    space = getattr(getattr(bpy.data, "colorspace", None), "working_space", WORKING_SPACE)
+    """All conversions of colours here are to the default."""
+    space = working_space()
     if space != WORKING_SPACE:
         notes.warn_scene(f"the working space {space} is not supported: colours are taken for {WORKING_SPACE}")
 

@@ -22,6 +22,7 @@ _EXCLUDE = {
     "PARTICLE_PT_hair_shape",
     "PARTICLE_PT_render_path",
     "PARTICLE_PT_render_path_timing",
+    "RENDER_PT_color_management_working_space",
     "RENDER_PT_output_views",
     "RENDER_PT_simplify",
     "RENDER_PT_stereoscopy",

@@ -6,6 +6,7 @@ import bpy
 
 from .. import precompile
 from ..denoise import MISSING, UNUSABLE, is_missing
+from ..export.scene import WORKING_SPACE, working_space
 from .panel import LobePanel
 from .presets import draw_presets
 from .text import draw_text
@@ -210,6 +211,20 @@ class LOBE_RENDER_PT_performance_debug(_Panel, bpy.types.Panel):
         self.column().prop(context.scene.lobe, "road")
 
 
+class LOBE_RENDER_PT_working_space(_Panel, bpy.types.Panel):
+    """Where a file has a working space that Lobe doesn't support, Blender's own panel, so that it can be put back."""
+
+    bl_label = "Working Space"
+    bl_parent_id = "RENDER_PT_color_management"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return super().poll(context) and working_space() != WORKING_SPACE
+
+    def draw(self, context):
+        bpy.types.RENDER_PT_color_management_working_space.draw(self, context)
+
+
 CLASSES = (
     LOBE_RENDER_PT_sampling,
     LOBE_RENDER_PT_sampling_viewport,
@@ -226,4 +241,5 @@ CLASSES = (
     LOBE_RENDER_PT_film_pixel_filter,
     LOBE_RENDER_PT_performance,
     LOBE_RENDER_PT_performance_debug,
+    LOBE_RENDER_PT_working_space,
 )

@@ -31,6 +31,7 @@ WITHOUT = {
         "RENDER_PT_gpencil", "RENDER_PT_grease_pencil_render", "RENDER_PT_grease_pencil_viewport",
         "RENDER_PT_simplify_greasepencil",
     },
+    "working spaces": {"RENDER_PT_color_management_working_space"},
     "a texture node's own mapping": {"NODE_PT_texture_mapping"},
     "nothing by itself": {"OBJECT_PT_shading"},
     "Freestyle": {
@@ -222,3 +223,22 @@ def test_the_outliners_menu_knows_indirect_only(monkeypatch) -> None:
         assert len(named) == number
         for name in named:
             assert "indirect_only" in name
+
+
+def test_another_working_space_can_be_put_back(monkeypatch) -> None:
+    """Lobe doesn't support any but the default: with that there is nothing to choose."""
+    if not hasattr(bpy.data, "colorspace"):
+        pytest.skip("before Blender 5.0 a file has no working space")
+    panel = bpy.types.LOBE_RENDER_PT_working_space
+    assert "RENDER_PT_color_management_working_space" not in of_engine("LOBE")
+    context = SimpleNamespace(
+        engine="LOBE", scene=bpy.context.scene, blend_data=SimpleNamespace(colorspace=bpy.data.colorspace)
+    )
+    assert not panel.poll(context)
+    bpy.ops.wm.set_working_color_space(working_space="Linear Rec.2020", convert_colors=False)
+    assert bpy.data.colorspace.working_space == "Linear Rec.2020"
+    assert panel.poll(context) and not panel.poll(SimpleNamespace(engine="CYCLES"))
+    drawn, operators = Drawn(panel), []
+    monkeypatch.setattr(AnyLayout, "operator_menu_enum", lambda self, name, *_, **__: operators.append(name), False)
+    drawn.draw(context)
+    assert operators == ["wm.set_working_color_space"]
