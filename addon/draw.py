@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+import threading
 
 import blf
 import gpu
@@ -16,6 +17,9 @@ TEXT_SIZE = 16.0  # pixels
 TEXT_COLUMNS = 80
 
 
+_dropped: list[gpu.types.GPUTexture] = []  # by threads that may not free them
+
+
 class Drawing:
     """The graphics card's copy of the newest picture."""
 
@@ -27,6 +31,7 @@ class Drawing:
         """Where it belongs in the view's region. A picture of another size, from before a resize, is stretched until
         the next one is there."""
         if picture is not self._picture:
+            _dropped.clear()
             self._texture, self._picture = _texture(picture.pixels), picture
         place, cut = placement(picture, view)
         shader = gpu.shader.from_builtin("IMAGE")
@@ -38,6 +43,13 @@ class Drawing:
         shader.uniform_sampler("image", self._texture)
         batch.draw(shader)
         gpu.state.blend_set("NONE")
+
+    def close(self) -> None:
+        """On another thread than Blender's own, where there is no graphics context, the texture waits for the next
+        drawing of any viewport."""
+        if self._texture is not None and threading.current_thread() is not threading.main_thread():
+            _dropped.append(self._texture)
+        self._texture = self._picture = None
 
 
 def _texture(pixels: np.ndarray) -> gpu.types.GPUTexture:

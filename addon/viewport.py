@@ -114,9 +114,10 @@ class Viewport:
         self._redraw()
 
     def close(self) -> None:
-        """Where Blender goes on showing it, it is to be drawn again, which another one will do."""
+        """On any thread. Where Blender goes on showing it, it is to be drawn again, which another one will do."""
         self.is_closed = True
         self._renderer.close()
+        self._drawing.close()
         self._redraw()
         self._scene = None
         self._shown = None

@@ -82,12 +82,13 @@ class Interactive:
 
     def close(self, patience: float = 0.5) -> bool:
         """End the threads. Waits for them so many seconds, which only a compilation in this process takes; True if they
-        have ended."""
+        have ended. `changed` may call it too, on the own thread: that can't be waited for there."""
         with self._news:
             self._closed = True
             self._halt_pass[0] = self._halt_build[0] = 1
             self._news.notify()
-        self._thread.join(patience)
+        if threading.current_thread() is not self._thread:
+            self._thread.join(patience)
         return not self._thread.is_alive()
 
     def _run(self) -> None:

@@ -228,6 +228,19 @@ def test_more_samples_go_on_where_the_picture_was(watcher):
     assert all(picture.samples > 4 for picture in watcher.pictures[seen:])
 
 
+def test_it_may_be_closed_by_what_it_tells(monkeypatch) -> None:
+    """Blender may drop a viewport while its thread asks for a redraw: its end then comes on that thread."""
+    crashes: list = []
+    monkeypatch.setattr(threading, "excepthook", crashes.append)
+    closed: list[bool] = []
+    interactive = Interactive(lambda: closed.append(interactive.close()))
+    interactive.show(scenes.furnace(), QUICK)
+    interactive._thread.join(PATIENCE)
+    assert not interactive._thread.is_alive() and interactive.error is None
+    assert closed and not any(closed) and crashes == []
+    assert interactive.close()
+
+
 def test_fewer_samples_than_there_are_end_at_once(watcher):
     scene = room()
     watcher.show(scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import threading
 import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
@@ -185,3 +186,20 @@ def test_object_types_that_the_viewport_hides(shown) -> None:
     space.show_object_viewport_armature = False
     assert seen() == (1, 1) and shown.viewport._scene is exported
     assert shown.said == shown.messages == []
+
+
+@pytest.mark.parametrize("on_own_thread", [True, False])
+def test_a_texture_is_freed_where_that_may_be_done(shown, on_own_thread: bool) -> None:
+    """On a thread of a viewport's own there is no graphics context."""
+    draw = importlib.import_module(f"{MODULE}.addon.draw")
+    shown.update()
+    shown.viewport._drawing._texture = texture = object()
+    if on_own_thread:
+        thread = threading.Thread(target=shown.viewport.close)
+        thread.start()
+        thread.join()
+    else:
+        shown.viewport.close()
+    assert shown.viewport._drawing._texture is None
+    assert draw._dropped == ([texture] if on_own_thread else [])
+    draw._dropped.clear()
