@@ -33,6 +33,13 @@ def test_the_manifest_gets_its_wheels(repository: Path) -> None:
     assert manifest == tomllib.loads(before)
 
 
+def test_what_lobe_does_outside_of_blender_is_declared(repository: Path) -> None:
+    """It reads images and writes a cache and pages by itself. Blender's site wants 64 characters and no full stop."""
+    permissions = tomllib.loads((repository / "blender_manifest.toml").read_text())["permissions"]
+    assert set(permissions) == {"files"}
+    assert len(permissions["files"]) <= 64 and not permissions["files"].endswith(".")
+
+
 @pytest.fixture
 def empty_wheels(monkeypatch):
     """Instead of a download: files of the right names."""
