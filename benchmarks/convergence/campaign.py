@@ -9,7 +9,7 @@ already changes nothing: what is decided on the way depends on the kept seconds,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ from .runs import Render, Store
 
 SHORTEST_PROBE = 0.2  # seconds of rendering that tell what a sample costs
 NOISY_ENOUGH = 0.02  # a relMSE that one sees in a picture
+WELL_KNOWN = 0.25  # a pilot's error whose relative standard error is at most this
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,9 @@ class Trial:
     samples: int
     error: float  # relMSE, mean over the seeds
     trimmed: float
-    seconds: float  # of sampling, median
-
-    @property
-    def cost(self) -> float:
-        """Time x error: what doesn't change with the samples, as long as the error falls like 1 / samples."""
-        return self.seconds * max(self.error, 0.0)
+    scatter: float  # standard error of `error`, relative
+    seconds: float  # of the whole render, as its user feels it, median
+    sampling: float
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ class Shot:
 class Outcome:
     settings: Settings
     reference: Reference
-    trials: list[Trial]  # none when Cycles isn't measured
+    trials: list[list[Trial]]  # those side by side together; none when Cycles isn't measured
     variant: Variant
     levels: dict[str, list[Level]]  # of each engine, fewest samples first
     shots: list[Shot]  # one of each engine, about equal in time
@@ -94,8 +92,8 @@ class Campaign:
         samples = plan.reference_samples(costs, self.settings.budget)
         long = {engine: self.reference_renders(engine, samples) for engine in ENGINES}
         reference = make_reference(stack(long["LOBE"]), stack(long["CYCLES"]), samples)
-        trials = self.pilot(costs["CYCLES"], reference) if "CYCLES" in self.settings.engines else []
-        variant = min(trials, key=lambda trial: trial.cost).variant if trials else DEFAULT
+        trials = self.pilot(probes["CYCLES"], reference) if "CYCLES" in self.settings.engines else []
+        variant = best(trials[-1]) if trials else DEFAULT
         forecasts = {engine: forecast(probes[engine], long[engine], reference) for engine in self.settings.engines}
         if trials:
             forecasts["CYCLES"] = of_variant(forecasts["CYCLES"], trials, variant)
@@ -120,13 +118,20 @@ class Campaign:
         """Not timed, so the engines needn't take turns, and a change in Lobe leaves Cycles' renders as they are."""
         return [self.render(plan.job("reference", engine, samples, index)) for index in range(plan.REFERENCE_SEEDS)]
 
-    def pilot(self, cost: Cost, reference: Reference) -> list[Trial]:
-        """Which of Cycles' variants has the least time x error on this scene."""
-        samples = plan.pilot_samples(cost, self.settings.budget)
-        found: dict[Variant, list[Render]] = {variant: [] for variant in VARIANTS}
-        for index in range(plan.PILOT_SEEDS):
-            for variant in VARIANTS:
-                found[variant].append(self.render(plan.job("pilot", "CYCLES", samples, index, variant)))
+    def pilot(self, probe: Probe, reference: Reference) -> list[list[Trial]]:
+        """Which of Cycles' variants has the least time x error on this scene: of VARIANTS, then of the best one's maps
+        of a world with a texture, with seeds of their own. One list of trials or two."""
+        samples = plan.pilot_samples(probe.cost, self.settings.budget)
+        found = [self.trials(samples, VARIANTS, 0, reference)]
+        if probe.few.report["textured_world"]:
+            found.append(self.trials(samples, plan.with_maps(best(found[0])), plan.PILOT_SEEDS, reference))
+        return found
+
+    def trials(self, samples: int, variants: Sequence[Variant], first: int, reference: Reference) -> list[Trial]:
+        """Of each of the variants, rendered in turn. first: index of the first seed."""
+        found: dict[Variant, list[Render]] = {variant: [] for variant in variants}
+        for index, variant in plan.in_turn(variants, plan.PILOT_SEEDS):
+            found[variant].append(self.render(plan.job("pilot", "CYCLES", samples, first + index, variant)))
         return [trial(variant, samples, runs, reference) for variant, runs in found.items()]
 
     def levels(self, forecasts: dict[str, Forecast], variant: Variant) -> dict[str, dict[int, list[Render]]]:
@@ -158,9 +163,26 @@ def stack(renders: Iterable[Render]) -> np.ndarray:
 
 
 def trial(variant: Variant, samples: int, runs: list[Render], reference: Reference) -> Trial:
-    whole, trimmed = np.mean([reference.errors(render.picture) for render in runs], axis=0)
-    seconds = float(np.median([render.sampling or render.total for render in runs]))
-    return Trial(variant, samples, float(whole), float(trimmed), seconds)
+    whole, trimmed = np.array([reference.errors(render.picture) for render in runs]).T
+    seconds, sampling = (float(np.median([getattr(r, kind) for r in runs])) for kind in ("total", "sampling"))
+    scatter = analysis.standard_error(whole) / max(abs(whole.mean()), 1e-12)
+    return Trial(variant, samples, float(whole.mean()), float(trimmed.mean()), scatter, seconds, sampling or seconds)
+
+
+def trial_costs(trials: Sequence[Trial]) -> dict[Variant, float]:
+    """Time x error of variants that were tried side by side. For the sampling time that doesn't change with the
+    samples, as long as the error falls like 1 / samples; what comes before the first sample counts as much as it does
+    at the samples of the pilot.
+
+    Where a few bright pixels make the mean of so few seeds a matter of chance, it is of all of them the trimmed error.
+    """
+    known = all(trial.scatter <= WELL_KNOWN for trial in trials)
+    return {t.variant: t.seconds * max(t.error if known else t.trimmed, 0.0) for t in trials}
+
+
+def best(trials: Sequence[Trial]) -> Variant:
+    costs = trial_costs(trials)
+    return min(costs, key=lambda variant: costs[variant])
 
 
 def forecast(probe: Probe, long: list[Render], reference: Reference) -> Forecast:
@@ -172,12 +194,13 @@ def forecast(probe: Probe, long: list[Render], reference: Reference) -> Forecast
     )
 
 
-def of_variant(default: Forecast, trials: list[Trial], variant: Variant) -> Forecast:
+def of_variant(default: Forecast, trials: Sequence[Sequence[Trial]], variant: Variant) -> Forecast:
     """Cycles' forecast with a variant's settings: that of the default's, times what the pilot found between them."""
-    usual, chosen = (next(t for t in trials if t.variant == wanted) for wanted in (DEFAULT, variant))
+    usual = next(t for t in trials[0] if t.variant == DEFAULT)
+    chosen = next(t for t in trials[-1] if t.variant == variant)
     change = chosen.trimmed / usual.trimmed if usual.trimmed > 0.0 else 1.0
     return Forecast(
-        Cost(default.cost.fixed, chosen.seconds / chosen.samples),
+        Cost(chosen.seconds - chosen.sampling, chosen.sampling / chosen.samples),
         (1, default.few[1] * change),
         (default.many[0], default.many[1] * change),
     )

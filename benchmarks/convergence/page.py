@@ -6,6 +6,7 @@ Each scene's section is kept in the store, so that a run of one scene leaves the
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 
 from .. import common
 from . import pictures, plot, tables
-from .campaign import Outcome, Shot
+from .campaign import Outcome, Shot, trial_costs
 from .pictures import ERROR_RANGE, Z_RANGE
 
 ERRORS, SIGNS = "inferno", "RdBu_r"
@@ -31,8 +32,8 @@ figure { margin: 0 0 .7rem } figcaption { font-size: 13px; color: #555 }
 INTRODUCTION = """
 <p>Error (relMSE against the mean of long renders of both engines) over the time of the whole render, from the start of
 the command to its end, warm. Eight seeds a point unless said otherwise, the engines in turn, Cycles with those of its
-settings (light tree, guiding) that did best in a pilot on the scene. Seconds are of the machine that this ran on: only
-the ratios say something about the engines.</p>
+settings (light tree, guiding, map of the world) that did best in a pilot on the scene. Seconds are of the machine that
+this ran on: only the ratios say something about the engines.</p>
 """
 
 
@@ -109,19 +110,22 @@ def legends() -> str:
 
 
 def trials(outcome: Outcome) -> str:
-    if not outcome.trials:
-        return ""
-    best = min(trial.cost for trial in outcome.trials)
-    rows = [
-        {
-            "Cycles": str(trial.variant) + (" (chosen)" if trial.variant == outcome.variant else ""),
-            "relMSE": f"{trial.error:.2e}",
-            "sampling time to the first's": f"{trial.seconds / outcome.trials[0].seconds:.2f}",
-            "time x error to the best": f"{trial.cost / best:.2f}",
-        }
-        for trial in outcome.trials
-    ]
-    return f"<p>Pilot of Cycles' settings, {outcome.trials[0].samples} samples:</p>{table(rows)}"
+    parts = []
+    for side_by_side in outcome.trials:
+        costs = trial_costs(side_by_side)
+        least = min(costs.values()) or math.nan
+        rows = [
+            {
+                "Cycles": str(trial.variant) + (" (chosen)" if trial.variant == outcome.variant else ""),
+                "relMSE": f"{trial.error:.2e}",
+                "trimmed": f"{trial.trimmed:.2e}",
+                "time to the first's": f"{trial.seconds / side_by_side[0].seconds:.2f}",
+                "time x error to the best": f"{costs[trial.variant] / least:.2f}",
+            }
+            for trial in side_by_side
+        ]
+        parts.append(f"<p>Pilot of Cycles' settings, {side_by_side[0].samples} samples:</p>{table(rows)}")
+    return "".join(parts)
 
 
 def write(path: Path, sections: Path, outcomes: Sequence[Outcome], short: Sequence[dict[str, str]]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -33,21 +33,31 @@ ENGINE_SEED = {"LOBE": 0, "CYCLES": 1_000_000}
 
 @dataclass(frozen=True)
 class Variant:
-    """Settings of Cycles that change its speed and noise, and not the picture that it converges to."""
+    """Settings of Cycles that change its speed and noise, and not the picture that it converges to.
+
+    world_map: width of the map by which it samples a world with a texture; 0: Cycles chooses it (AUTOMATIC)
+    """
 
     light_tree: bool = True
     guiding: bool = False
+    world_map: int = 0
 
     def __str__(self) -> str:
-        return f"light tree {'on' if self.light_tree else 'off'}, guiding {'on' if self.guiding else 'off'}"
+        text = f"light tree {'on' if self.light_tree else 'off'}, guiding {'on' if self.guiding else 'off'}"
+        return f"{text}, world map {self.world_map}" if self.world_map else text
 
     @property
     def slug(self) -> str:
-        return f"tree{self.light_tree:d}-guiding{self.guiding:d}"
+        return f"tree{self.light_tree:d}-guiding{self.guiding:d}-map{self.world_map}"
 
 
 DEFAULT = Variant()
 VARIANTS = (DEFAULT, Variant(light_tree=False), Variant(guiding=True), Variant(light_tree=False, guiding=True))
+WORLD_MAPS = (0, 1024, 2048)  # tried with the best of VARIANTS alone, where the world has a texture
+
+
+def with_maps(best: Variant) -> tuple[Variant, ...]:
+    return tuple(replace(best, world_map=width) for width in WORLD_MAPS)
 
 
 @dataclass(frozen=True)

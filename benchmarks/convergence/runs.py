@@ -11,6 +11,7 @@ import hashlib
 import inspect
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -73,11 +74,33 @@ class BlenderRenderer:
         if job.variant is not None:  # after the fair settings, which turn guiding off
             scene.cycles.use_light_tree = job.variant.light_tree
             scene.cycles.use_guiding = scene.cycles.use_surface_guiding = job.variant.guiding
+            if has_textured_world(scene):
+                set_world_map(scene.world, job.variant.world_map)
         report = br.render(scene)
         picture = br.picture(scene, report)[..., :3]
         report["exposure"] = scene.view_settings.exposure
         report["osl"] = job.engine == "CYCLES" and bool(scene.cycles.shading_system)
+        report["textured_world"] = has_textured_world(scene)
         return Render(picture, report)
+
+
+def has_textured_world(scene) -> bool:
+    """Whether there is a texture node in the world, in groups too: then Cycles samples it by a map."""
+
+    def textured(tree) -> bool:
+        return tree is not None and any(
+            textured(node.node_tree) if node.type == "GROUP" else re.match("TEX_(?!COORD)", node.type)
+            for node in tree.nodes
+        )
+
+    return scene.world is not None and textured(scene.world.node_tree)
+
+
+def set_world_map(world, width: int) -> None:
+    """0: as wide as Cycles chooses."""
+    world.cycles.sampling_method = "MANUAL" if width else "AUTOMATIC"
+    if width:
+        world.cycles.sample_map_resolution = width
 
 
 class Store:
@@ -142,6 +165,10 @@ def forget(folder: Path, scene: Path) -> None:
     shutil.rmtree(scene_folder(folder, scene), ignore_errors=True)
 
 
+# What sets a scene up for a render, besides tools/cycles_peer.py.
+TOOLS = common.prepare, common.leave_out, br.set_engine, BlenderRenderer, has_textured_world, set_world_map
+
+
 def fingerprints() -> dict[str, str]:
     """What an engine's renders depend on besides the job: what the tools set in the scene, for Lobe its code, for
     Cycles what makes it a peer."""
@@ -149,7 +176,7 @@ def fingerprints() -> dict[str, str]:
     peer = b"".join(path.read_bytes() for path in br.cycles_peer.SOURCES)
     tools = "\n".join(
         [lobe_blender.blender_version()]
-        + [inspect.getsource(what) for what in (common.prepare, common.leave_out, br.set_engine, BlenderRenderer)]
+        + [inspect.getsource(what) for what in TOOLS]
         + [repr(common.LOBES_OFF), repr(common.BLENDERS_OFF)]
     ).encode()
     return {"LOBE": digest(tools + lobe), "CYCLES": digest(tools + peer)}

@@ -13,8 +13,8 @@ from pathlib import Path
 from .. import common
 from . import analysis
 from .analysis import PHASES, Level
-from .campaign import Outcome
-from .plan import ENGINES, VARIANTS, Settings
+from .campaign import Outcome, trial_costs
+from .plan import ENGINES, Settings
 
 RATIO = "time to equal error, Cycles / Lobe"
 SAMPLING_RATIO = "the same, sampling alone"
@@ -51,6 +51,9 @@ All figures are ratios of times of renders made in turn on the same machine, Cyc
 seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a range
 of their own, and may have a ratio where a few bright pixels keep whole errors from falling. Cycles' sampling time holds
 what it prepares on the device, and levels at which it is below 0.05 s are left out, as Cycles tells it in hundredths.
+Cycles has those settings that a pilot of three seeds found best by error times the time of the whole render: of light
+tree and guiding first, then, where the world has a texture, of the maps that it may sample it by ("world map" and its
+width; what isn't named Cycles chooses itself). Trimmed errors decide where the pilot's whole errors scatter.
 "Slopes apart" names an engine whose slopes over time and over samples differ by more than 0.15: something else than
 samples moved its times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the scene with Open
 Shading Language, which slows it. Geometric means are of the sample scenes at the resolution and threads of `make
@@ -167,10 +170,13 @@ def number(value: float, form: str) -> str:
 
 
 def pilot(outcome: Outcome) -> str:
-    """Every variant's time x error over the best one's."""
-    best = min(trial.cost for trial in outcome.trials) or math.nan
-    costs = {trial.variant: trial.cost for trial in outcome.trials}
-    return "; ".join(f"{variant}: {costs[variant] / best:.2f}" for variant in VARIANTS)
+    """Every variant's time x error over that of the best of those that it was tried beside."""
+    texts = []
+    for trials in outcome.trials:
+        costs = trial_costs(trials)
+        least = min(costs.values()) or math.nan
+        texts.append("; ".join(f"{variant}: {cost / least:.2f}" for variant, cost in costs.items()))
+    return "; then ".join(texts)
 
 
 def summary(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:

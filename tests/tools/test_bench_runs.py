@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,15 +18,22 @@ BEST = Variant(light_tree=False)
 CODES = {"LOBE": "l", "CYCLES": "c"}
 
 
+def is_best(job: Job) -> bool:
+    return job.variant is not None and (job.variant.light_tree, job.variant.guiding) == (False, False)
+
+
 class FakeRenderer:
     """Lobe: error 1 / samples and 1 ms a sample. Cycles: twice the error, thrice the time; BEST is half as noisy.
 
     slowing: each render takes longer than the one before by this share. bright: in Lobe's probes one value is off by
-    so much.
+    so much. textured: the world is, and Cycles takes long over it unless it is told how large a map to make.
     """
 
-    def __init__(self, stop_after: int | None = None, slowing: float = 0.0, bright: float = 0.0) -> None:
+    def __init__(
+        self, stop_after: int | None = None, slowing: float = 0.0, bright: float = 0.0, textured: bool = False
+    ) -> None:
         self.jobs: list[Job] = []
+        self.textured = textured
         self.stop_after = stop_after
         self.slowing = slowing
         self.bright = bright
@@ -34,7 +42,7 @@ class FakeRenderer:
         if self.stop_after is not None and len(self.jobs) >= self.stop_after:
             raise KeyboardInterrupt
         self.jobs.append(job)
-        factor, cost = (1.0, 1e-3) if job.engine == "LOBE" else (2.0 if job.variant == BEST else 4.0, 3e-3)
+        factor, cost = (1.0, 1e-3) if job.engine == "LOBE" else (2.0 if is_best(job) else 4.0, 3e-3)
         cost *= (1.0 + self.slowing) ** len(self.jobs)
         rng = np.random.default_rng(job.seed)
         noise = np.sqrt(factor / job.samples * (TRUTH**2 + 0.01)) * rng.normal(size=TRUTH.shape)
@@ -44,8 +52,13 @@ class FakeRenderer:
         seconds = {"export": 0.0, "build": told, "compile": told, "render": cost * job.samples}
         return runs.Render(
             (TRUTH + noise).astype(np.float32),
-            {"seconds": seconds | {"total": 1e-4 + seconds["render"]}, "exposure": 0.5, "osl": False},
-        )
+            {"seconds": seconds | {"total": self.fixed(job) + seconds["render"]}, "exposure": 0.5, "osl": False,
+             "textured_world": self.textured},
+        )  # fmt: skip
+
+    def fixed(self, job: Job) -> float:
+        """Seconds before the first sample."""
+        return 0.03 if self.textured and job.variant is not None and job.variant.world_map == 0 else 1e-4
 
 
 @pytest.fixture
@@ -79,7 +92,7 @@ def test_the_campaign_finds_what_was_put_in(tmp_path, scene):
     outcome = measure(tmp_path, settings(scene), FakeRenderer())
     assert outcome.reference.verdict == "agree"
     assert outcome.variant == BEST
-    assert [trial.variant for trial in outcome.trials] == list(VARIANTS)
+    assert [[trial.variant for trial in trials] for trials in outcome.trials] == [list(VARIANTS)]
     lobe, cycles = (outcome.levels[engine] for engine in ("LOBE", "CYCLES"))
     assert [level.samples for level in lobe] == [1, 4, 16, 64]  # 0.02 at 50 samples
     assert [level.samples for level in cycles] == [1, 4, 16, 64, 128]  # at 100
@@ -89,6 +102,34 @@ def test_the_campaign_finds_what_was_put_in(tmp_path, scene):
     fast, slow = outcome.shots
     assert (fast.engine, slow.engine) == ("LOBE", "CYCLES")
     assert fast.render.total == pytest.approx(slow.render.total, rel=0.3)
+
+
+def test_a_world_with_a_texture_is_sampled_by_the_map_that_is_quickest_in_all(tmp_path, scene):
+    """Its preparation is no sampling, and counts all the same."""
+    renderer = FakeRenderer(textured=True)
+    outcome = measure(tmp_path, settings(scene), renderer)
+    assert [[trial.variant for trial in trials] for trials in outcome.trials] == [
+        list(VARIANTS), [BEST, replace(BEST, world_map=1024), replace(BEST, world_map=2048)],
+    ]  # fmt: skip
+    assert outcome.variant.world_map in (1024, 2048)
+    assert {job.variant for job in renderer.jobs if (job.purpose, job.engine) == ("level", "CYCLES")} == {
+        outcome.variant
+    }
+    (row,) = tables.write([outcome], tmp_path / "results")
+    assert row["Cycles' settings"] == f"light tree off, guiding off, world map {outcome.variant.world_map}"
+    assert "; then light tree off, guiding off: " in row["pilot: time x error to the best"]
+    pilot = [job for job in renderer.jobs if job.purpose == "pilot"]
+    assert len({(job.seed, job.variant) for job in pilot}) == len(pilot) == (4 + 3) * plan.PILOT_SEEDS
+
+
+def test_bright_pixels_do_not_choose_the_variant():
+    def trial(variant, error, trimmed, scatter, seconds=1.0):
+        return campaign.Trial(variant, 16, error, trimmed, scatter, seconds, 0.9 * seconds)
+
+    known = [trial(VARIANTS[0], 0.3, 0.2, 0.1), trial(BEST, 0.4, 0.1, 0.1)]
+    assert campaign.best(known) == VARIANTS[0]
+    assert campaign.best([known[0], replace(known[1], scatter=0.9)]) == BEST
+    assert campaign.best([known[0], replace(known[1], error=0.2, seconds=1.6)]) == VARIANTS[0]
 
 
 @pytest.mark.parametrize("slowing", [0.02, -0.02])
@@ -144,7 +185,7 @@ def test_every_part_of_the_key_counts(tmp_path, scene):
     one = path()
     others = [path(samples=16), path(index=1), path(variant=VARIANTS[0]), path(engine="LOBE"), path(purpose="pilot"),
               path(settings(scene, resolution=(48, 32))), path(settings(scene, threads=1)),
-              path(codes=CODES | {"CYCLES": "new"})]  # fmt: skip
+              path(codes=CODES | {"CYCLES": "new"}), path(variant=replace(BEST, world_map=1024))]  # fmt: skip
     scene.write_bytes(b"another scene")
     others.append(path())
     assert len({one, *others}) == 1 + len(others)
@@ -153,11 +194,11 @@ def test_every_part_of_the_key_counts(tmp_path, scene):
 def test_both_engines_renders_depend_on_what_the_tools_set(monkeypatch):
     before = runs.fingerprints()
     assert runs.fingerprints() == before
-    for owner, name in ((common, "prepare"), (common, "leave_out"), (runs.br, "set_engine"), (runs, "BlenderRenderer")):
+    for place, tool in enumerate(runs.TOOLS):
         with monkeypatch.context() as patch:
-            patch.setattr(owner, name, settings)  # another source
+            patch.setattr(runs, "TOOLS", (*runs.TOOLS[:place], settings, *runs.TOOLS[place + 1 :]))  # another source
             after = runs.fingerprints()
-        assert after["LOBE"] != before["LOBE"] and after["CYCLES"] != before["CYCLES"], name
+        assert after["LOBE"] != before["LOBE"] and after["CYCLES"] != before["CYCLES"], tool
     with monkeypatch.context() as patch:
         patch.setattr(common, "LOBES_OFF", {})
         assert runs.fingerprints()["CYCLES"] != before["CYCLES"]
