@@ -1,4 +1,4 @@
-"""From renders to figures: errors with their spread, slopes, and the ratio of times at equal error. Pure numpy.
+"""From renders to figures: errors with their spread, slopes, and the ratio of times at equal error.
 
 Errors are relMSE, times are seconds. Everything that is averaged over a range of errors or samples is averaged in the
 logarithm: a curve's shape on log-log paper is what these figures describe.
@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from scipy import stats
 
 from tools import metrics
 
@@ -108,20 +110,31 @@ def timed(cycles: Sequence[Level]) -> list[Level]:
     return [lv for lv in cycles if np.median(lv.sampling) >= SHORTEST_SAMPLING]
 
 
-def slopes(levels: Sequence[Level]) -> tuple[float, float]:
-    """Of the error against samples and against sampling time."""
+def slopes(levels: Sequence[Level], error: str = "whole") -> tuple[float, float]:
+    """Of the error against samples and against sampling time. error: "whole" or "trimmed"."""
     used = [lv for lv in levels if lv.usable]
-    errors = [lv.error for lv in used]
+    errors = [float(getattr(lv, error).mean()) for lv in used]
     return (
         slope([lv.samples for lv in used], errors),
         slope([float(np.median(lv.sampling)) for lv in used], errors),
     )
 
 
-def suspect(levels: Sequence[Level]) -> bool:
+def suspect(levels: Sequence[Level], error: str = "whole") -> bool:
     """Whether the slopes over samples and over time tell different stories."""
-    over_samples, over_time = slopes(levels)
+    over_samples, over_time = slopes(levels, error)
     return bool(abs(over_time - over_samples) > SLOPES_APART)
+
+
+def falls(levels: Sequence[Level]) -> bool:
+    """Whether each level's whole error is below that of the level before by more than the standard error of that
+    difference. With four times the samples it falls to a quarter; what hides that is a few bright pixels, which so few
+    seeds meet or don't, and no mean of theirs is to be trusted."""
+    used = [lv for lv in levels if lv.usable]
+    return all(
+        before.error - after.error > np.hypot(standard_error(before.whole), standard_error(after.whole))
+        for before, after in pairwise(used)
+    )
 
 
 # --- times at equal error -------------------------------------------------------------------------------------
@@ -149,7 +162,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class TimeRatio:
-    """Cycles' time over Lobe's at equal error: medians and intervals of the bootstrap; nan where there is none."""
+    """Cycles' time over Lobe's at equal error: medians and 95 % intervals of the bootstrap; nan where there is none."""
 
     mean: tuple[float, float, float]  # geometric mean over the errors that both reach: median, low, high
     at_lowest: tuple[float, float, float]  # at the lowest error that both reach
@@ -182,21 +195,33 @@ def time_ratio(lobe: Curve, cycles: Curve, seed: int = 0) -> TimeRatio:
     """How many times longer Cycles takes to the same error, with a 95 % interval from a bootstrap over the runs.
 
     A run is a round of one seed, both engines' renders of all levels in turn, and is drawn as a whole: a slow minute
-    of the machine hits both engines, and a longer render continues a shorter one's random numbers.
+    of the machine hits both engines, and a longer render continues a shorter one's random numbers. A bootstrap of few
+    runs scatters too little; so wider quantiles than 95 % are taken, see `tail`.
     """
     rng = np.random.default_rng(seed)
     runs = lobe.errors.shape[1]
     drawn = rng.integers(0, runs, (BOOTSTRAP_RUNS, runs))
     found = np.array([log_ratio(lobe, cycles, seeds) for seeds in drawn])
     low, high = log_ratio(lobe, cycles, np.arange(runs))[2:]
-    return TimeRatio(_quantiles(found[:, 0]), _quantiles(found[:, 1]), (float(np.exp(low)), float(np.exp(high))))
+    mean, at_lowest = (_quantiles(found[:, column], tail(runs)) for column in (0, 1))
+    return TimeRatio(mean, at_lowest, (float(np.exp(low)), float(np.exp(high))))
 
 
-def _quantiles(logs: np.ndarray) -> tuple[float, float, float]:
+def tail(runs: int) -> float:
+    """What to leave out at either end of a bootstrap of so few runs, so that what is between covers 95 %.
+
+    The expanded percentile interval of Hesterberg 2015, "What Teachers Should Know About the Bootstrap". Of the mean of
+    a normal variable it is Student's: what a bootstrap finds for its variance lacks a factor of n / (n - 1), and the
+    quantile is that of t with n - 1 degrees of freedom.
+    """
+    quantile = stats.t.ppf((1 - CONFIDENCE) / 2, runs - 1)
+    return float(stats.norm.cdf(np.sqrt(runs / (runs - 1)) * quantile))
+
+
+def _quantiles(logs: np.ndarray, tail: float) -> tuple[float, float, float]:
     logs = logs[np.isfinite(logs)]
     if len(logs) == 0:
         return (np.nan,) * 3
-    tail = (1 - CONFIDENCE) / 2
     median, low, high = np.exp(np.quantile(logs, [0.5, tail, 1 - tail]))
     return float(median), float(low), float(high)
 

@@ -35,6 +35,9 @@ ENGINE_SEED = {"LOBE": 0, "CYCLES": 1_000_000}
 class Variant:
     """Settings of Cycles that change its speed and noise, and not the picture that it converges to.
 
+    Its sampling pattern is none of them: on the six samples Automatic is Blue Noise in all but name, and Tabulated
+    Sobol as quick, at 16 samples with a few per cent more relMSE on some and less on others.
+
     world_map: width of the map by which it samples a world with a texture; 0: Cycles chooses it (AUTOMATIC)
     """
 

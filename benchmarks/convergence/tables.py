@@ -20,6 +20,7 @@ RATIO = "time to equal error, Cycles / Lobe"
 SAMPLING_RATIO = "the same, sampling alone"
 LOWEST_RATIO = "the same, at the lowest error"
 TRIMMED_RATIO = "the same, trimmed errors"
+NOT_FALLING = "errors that do not fall"
 INTERVAL = ": 95 % interval"
 OSL = ", OSL"
 WITHOUT_OSL = " without OSL"
@@ -48,16 +49,20 @@ EQUAL_ERROR_NOTE = f"""\
 {SETTINGS} Times are of warm renders: Lobe's kernels are loaded, and each engine has rendered the scene before.
 All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
 1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
-seeds; no ratio is given where that range spans less than a factor of 10 ("too few levels"). Trimmed errors have a range
-of their own, and may have a ratio where a few bright pixels keep whole errors from falling. Cycles' sampling time holds
-what it prepares on the device, and levels at which it is below 0.05 s are left out, as Cycles tells it in hundredths.
-Cycles has those settings that a pilot of three seeds found best by error times the time of the whole render: of light
-tree and guiding first, then, where the world has a texture, of the maps that it may sample it by ("world map" and its
-width; what isn't named Cycles chooses itself). Trimmed errors decide where the pilot's whole errors scatter.
-"Slopes apart" names an engine whose slopes over time and over samples differ by more than 0.15: something else than
-samples moved its times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the scene with Open
-Shading Language, which slows it. Geometric means are of the sample scenes at the resolution and threads of `make
-bench`, without those whose pictures DIFFER. {AGREEMENT}
+seeds, its quantiles widened to Student's of so few; no ratio is given where that range spans less than a factor of 10
+("too few levels"). Trimmed errors are without the worst 0.1 % of values, and have a range of their own. Where it can't
+be told from the seeds that an engine's whole error falls from each level to the next (by more than the standard error
+of the difference), a few bright pixels make it a matter of chance: "errors that do not fall" names that engine, and all
+ratios, slopes and the range of that row, and what geometric means have of it, are of trimmed errors. Cycles' sampling
+time holds what it prepares on the device, and levels at which it is below 0.05 s are left out, as Cycles tells it in
+hundredths. Cycles has those settings that a pilot of three seeds found best by error times the time of the whole
+render: of light tree and guiding first, then, where the world has a texture, of the maps that it may sample it by
+("world map" and its width; what isn't named Cycles chooses itself). Trimmed errors decide where the pilot's whole
+errors scatter. "Slopes apart" names an engine whose slopes over time and over samples differ by more than 0.15:
+something else than samples moved its times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the
+scene with Open Shading Language, which slows it. Geometric means are of the sample scenes at the resolution and threads
+of `make bench`, without those whose pictures DIFFER.
+{AGREEMENT}
 
 """
 
@@ -108,9 +113,10 @@ def level_row(outcome: Outcome, engine: str, level: Level) -> dict[str, str]:
 def scene_row(outcome: Outcome) -> dict[str, str]:
     settings, found = outcome.settings, outcome.reference.comparison
     lobe, cycles = outcome.levels["LOBE"], outcome.levels["CYCLES"]
-    ratios, errors = ratios_and_range(lobe, cycles)
+    error, not_falling = judged_by(lobe, cycles)
+    ratios, errors = ratios_and_range(lobe, cycles, error)
     by_name = {"Lobe": lobe, "Cycles": analysis.timed(cycles)}
-    slopes = {name: analysis.slopes(levels) for name, levels in by_name.items()}
+    slopes = {name: analysis.slopes(levels, error) for name, levels in by_name.items()}
     return {
         "scene": settings.scene.stem,
         "resolution": "{}x{}".format(*settings.resolution),
@@ -118,6 +124,7 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
         "seeds": str(settings.seeds),
         "samples, up to: Lobe": str(lobe[-1].samples),
         "samples, up to: Cycles": str(cycles[-1].samples),
+        NOT_FALLING: not_falling,
         **{key: text for name, ratio in ratios.items() for key, text in ratio_columns(name, ratio).items()},
         "relMSE, from": number(errors[0], ".1e"),
         "relMSE, to": number(errors[1], ".1e"),
@@ -126,7 +133,7 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
             for i, over in enumerate(("samples", "time"))
             for engine in slopes
         },
-        "slopes apart": ", ".join(name for name, levels in by_name.items() if analysis.suspect(levels)),
+        "slopes apart": ", ".join(name for name, levels in by_name.items() if analysis.suspect(levels, error)),
         "Cycles' settings": str(outcome.variant) + (OSL if outcome.osl else ""),
         "pilot: time x error to the best": pilot(outcome),
         "engines' pictures": f"{outcome.reference.verdict}: {found.mean_difference:+.2%} ± {found.mean_half_width:.2%}",
@@ -134,8 +141,18 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, tuple], tuple[float, float]]:
+def judged_by(lobe: list[Level], cycles: list[Level]) -> tuple[str, str]:
+    """By which errors the engines are compared, "whole" or "trimmed", and whose whole errors do not fall."""
+    names = [name for name, levels in (("Lobe", lobe), ("Cycles", cycles)) if not analysis.falls(levels)]
+    return "trimmed" if names else "whole", ", ".join(names)
+
+
+def ratios_and_range(
+    lobe: list[Level], cycles: list[Level], error: str = "whole"
+) -> tuple[dict[str, tuple], tuple[float, float]]:
     """Each column's (ratio, low, high), and the range of errors, which is the same for all but the trimmed.
+
+    error: "whole" or "trimmed", that of all columns but the trimmed.
 
     So levels of Cycles that are too short for its clock are left out of all columns; where the rest is too few, of
     none, and there is no ratio of sampling alone.
@@ -143,13 +160,13 @@ def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, 
     long = analysis.timed(cycles)
     total, sampling, trimmed = (
         analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(long, *kind))
-        for kind in (("total", "whole"), ("sampling", "whole"), ("total", "trimmed"))
+        for kind in (("total", error), ("sampling", error), ("total", "trimmed"))
     )
     at_sampling = sampling.mean
     if not total.enough and len(long) < len(cycles):
         total, trimmed = (
-            analysis.time_ratio(analysis.curve(lobe, "total", error), analysis.curve(cycles, "total", error))
-            for error in ("whole", "trimmed")
+            analysis.time_ratio(analysis.curve(lobe, "total", kind), analysis.curve(cycles, "total", kind))
+            for kind in (error, "trimmed")
         )
         at_sampling = NO_RATIO
     ratios = {RATIO: total.mean, LOWEST_RATIO: total.at_lowest, SAMPLING_RATIO: at_sampling}
@@ -215,7 +232,8 @@ def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
     """As narrow as a README's table: of rows of `equal_error` ratios with their intervals."""
 
     def with_interval(row: Mapping[str, str], name: str) -> str:
-        return f"{row[name]} ({row[name + INTERVAL]})" if row[name] else "too few levels"
+        trimmed = ", trimmed" if row.get(NOT_FALLING) else ""
+        return f"{row[name]} ({row[name + INTERVAL]}){trimmed}" if row[name] else "too few levels"
 
     return [
         {
