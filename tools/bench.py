@@ -43,8 +43,16 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="sample scenes by name, .blend files, or 'all', the default")  # fmt: skip
     parser.add_argument("--engines", type=engine_list, default=plan.ENGINES, metavar="LOBE,CYCLES",
                         help="whose levels are rendered; the reference is always of both")  # fmt: skip
-    parser.add_argument("--budget", type=seconds(1.0), default=600.0, metavar="SECONDS",
-                        help="of rendering for each scene at most, reference included; default: 600")  # fmt: skip
+    parser.add_argument(
+        "--budget",
+        type=seconds(1.0),
+        default=plan.Settings.budget,
+        metavar="SECONDS",
+        help="of rendering for each scene at most, reference and pilot included; default: "
+        f"{plan.Settings.budget:.0f}. Levels of 1, 4, 16, ... samples go on to the largest of these that is at most "
+        "the file's own number of samples, or further where the errors that both engines reach would span less than a "
+        f"factor of {plan.WANTED_OVERLAP:.0f}, unless the budget ends before",
+    )
     parser.add_argument("--resolution", type=resolution, default=(384, 256), metavar="WxH", help="default: 384x256")
     parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N", help="renders of each level")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")

@@ -97,7 +97,7 @@ class Campaign:
         forecasts = {engine: forecast(probes[engine], long[engine], reference) for engine in self.settings.engines}
         if trials:
             forecasts["CYCLES"] = of_variant(forecasts["CYCLES"], trials, variant)
-        renders = self.levels(forecasts, variant)
+        renders = self.levels(forecasts, variant, probes["LOBE"].few.report["file_samples"])
         levels = {
             engine: [analysis.level(n, runs, reference) for n, runs in by_samples.items()]
             for engine, by_samples in renders.items()
@@ -134,10 +134,15 @@ class Campaign:
             found[variant].append(self.render(plan.job("pilot", "CYCLES", samples, first + index, variant)))
         return [trial(variant, samples, runs, reference) for variant, runs in found.items()]
 
-    def levels(self, forecasts: dict[str, Forecast], variant: Variant) -> dict[str, dict[int, list[Render]]]:
-        """Renders of each engine by samples: whole levels, all of them from one seed before any from the next."""
+    def levels(
+        self, forecasts: dict[str, Forecast], variant: Variant, wanted: int
+    ) -> dict[str, dict[int, list[Render]]]:
+        """Renders of each engine by samples: whole levels, all of them from one seed before any from the next.
+
+        wanted: the file's own samples
+        """
         engines, seeds = self.settings.engines, self.settings.seeds
-        most = plan.most_samples(forecasts, seeds, self.settings.budget - self.store.spent)
+        most = plan.most_samples(forecasts, wanted, seeds, self.settings.budget - self.store.spent)
         found: dict[str, dict[int, list[Render]]] = {
             engine: {n: [] for n in plan.ladder(most[engine])} for engine in engines
         }

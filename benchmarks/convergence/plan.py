@@ -16,15 +16,14 @@ T = TypeVar("T")
 ENGINES = ("LOBE", "CYCLES")
 LEVEL_FACTOR = 4
 FEWEST_LEVELS = 2  # these run whatever they cost: one point is no curve
-# Levels go on until both engines have this relMSE, or the budget ends, and far enough that the errors that both reach
-# span WANTED_OVERLAP. Where they span less than LEAST_OVERLAP in the end, no ratio of times is given.
-TARGET_ERROR = 0.02
+# Levels go on to the file's own samples, far enough that the errors that both engines reach span WANTED_OVERLAP, unless
+# the budget ends before. Where they span less than LEAST_OVERLAP in the end, no ratio of times is given.
 LEAST_OVERLAP, WANTED_OVERLAP = 10.0, 16.0
 STEEPEST = -1.5  # slope of an error over samples that a forecast believes
 REFERENCE_SEEDS = 8
 PILOT_SEEDS = 3
 # Shares of the budget; the levels get what is left, or as much of it as they need.
-REFERENCE_SHARE, PILOT_SHARE = 0.25, 0.1
+REFERENCE_SHARE, PILOT_SHARE = 0.2, 0.1
 # No render uses a seed of another purpose: the reference must not share its noise with what is measured against it.
 # The engines' seeds differ for the same reason.
 FIRST_SEED = {"level": 1, "reference": 10_001, "pilot": 20_001, "probe": 30_001, "picture": 40_001}
@@ -69,7 +68,7 @@ class Settings:
 
     scene: Path
     engines: tuple[str, ...] = ENGINES
-    budget: float = 600.0
+    budget: float = 720.0  # the slowest of the sample scenes needs nearly that for its levels
     resolution: tuple[int, int] = (384, 256)
     seeds: int = 8
     threads: int = 2
@@ -140,9 +139,8 @@ class Forecast:
 
 
 def ladder(most: int) -> list[int]:
-    """The samples of the levels: 1, 4, 16, ... and `most`."""
-    below = [LEVEL_FACTOR**k for k in range(most.bit_length()) if LEVEL_FACTOR**k < most]
-    return [*below, most]
+    """The samples of the levels: 1, 4, 16, ... up to `most`, a power of LEVEL_FACTOR."""
+    return [LEVEL_FACTOR**k for k in range(most.bit_length()) if LEVEL_FACTOR**k <= most]
 
 
 def units(most: dict[str, int]) -> list[tuple[str, int]]:
@@ -150,8 +148,9 @@ def units(most: dict[str, int]) -> list[tuple[str, int]]:
     return sorted(((engine, n) for engine in most for n in ladder(most[engine])), key=lambda unit: unit[1])
 
 
-def most_samples(forecasts: dict[str, Forecast], seeds: int, left: float) -> dict[str, int]:
-    """Samples of each engine's last level: what takes it to the goal, by its forecast, within `left` seconds for all.
+def most_samples(forecasts: dict[str, Forecast], wanted: int, seeds: int, left: float) -> dict[str, int]:
+    """Samples of each engine's last level: the largest 4^k that is at most the file's own, `wanted`, or more where the
+    errors of both wouldn't span enough by their forecasts; all of it within `left` seconds.
 
     Where they don't suffice, the engine whose error is the larger has gone on: times are compared at errors that both
     reach, so samples that take one of them further are in vain.
@@ -159,19 +158,20 @@ def most_samples(forecasts: dict[str, Forecast], seeds: int, left: float) -> dic
     most = dict.fromkeys(forecasts, LEVEL_FACTOR ** (FEWEST_LEVELS - 1))
     goal = goal_error(forecasts)
     while True:
-        behind = {engine: error for engine, f in forecasts.items() if (error := f.error(most[engine])) > goal}
+        errors = {engine: f.error(most[engine]) for engine, f in forecasts.items()}
+        behind = [e for e in errors if LEVEL_FACTOR * most[e] <= wanted or errors[e] > goal]
         if not behind:
             return most
-        engine = max(behind, key=lambda engine: behind[engine])
-        more = most | {engine: 2 * most[engine]}
+        engine = max(behind, key=lambda engine: errors[engine])
+        more = most | {engine: LEVEL_FACTOR * most[engine]}
         if seeds * sum(forecasts[e].cost.seconds(n) for e, n in units(more)) > left:
             return most
         most = more
 
 
 def goal_error(forecasts: dict[str, Forecast]) -> float:
-    """TARGET_ERROR, or less where a sample or two would reach that: the curves must have enough in common."""
-    return min(TARGET_ERROR, min(f.error(1) for f in forecasts.values()) / WANTED_OVERLAP)
+    """What all have to reach so that the curves have enough in common."""
+    return min(f.error(1) for f in forecasts.values()) / WANTED_OVERLAP
 
 
 def reference_samples(costs: dict[str, Cost], budget: float) -> int:

@@ -57,11 +57,13 @@ class BlenderRenderer:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.scene: Any = None  # Blender's
+        self.file_samples = 0
         self.warm: set[tuple[str, Variant | None]] = set()
 
     def __call__(self, job: Job) -> Render:
         if self.scene is None:
             self.scene = common.prepare(self.settings.scene, self.settings.resolution, self.settings.threads)
+            self.file_samples = self.scene.lobe.samples
         if (job.engine, job.variant) not in self.warm:  # compilation, caches, pages
             self._render(job, samples=1, seed=0)
             self.warm.add((job.engine, job.variant))
@@ -81,6 +83,7 @@ class BlenderRenderer:
         report["exposure"] = scene.view_settings.exposure
         report["osl"] = job.engine == "CYCLES" and bool(scene.cycles.shading_system)
         report["textured_world"] = has_textured_world(scene)
+        report["file_samples"] = self.file_samples
         return Render(picture, report)
 
 

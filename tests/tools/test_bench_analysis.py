@@ -246,7 +246,7 @@ def test_cost_of_a_render():
 
 def test_shares_of_the_budget():
     costs = {"LOBE": plan.Cost(0.0, 0.01), "CYCLES": plan.Cost(0.0, 0.03)}
-    assert plan.reference_samples(costs, 100.0) == 64  # 0.25 * 100 s / 8 renders of 0.04 s a sample: 78
+    assert plan.reference_samples(costs, 120.0) == 64  # 0.2 * 120 s / 8 renders of 0.04 s a sample: 75
     assert plan.pilot_samples(costs["CYCLES"], 100.0) == 16
 
 
@@ -255,9 +255,9 @@ def forecast(at_one: float, per_sample: float) -> plan.Forecast:
 
 
 def test_levels_end_at_the_most():
-    assert [plan.ladder(most) for most in (1, 4, 8, 64)] == [[1], [1, 4], [1, 4, 8], [1, 4, 16, 64]]
-    assert plan.units({"LOBE": 4, "CYCLES": 8}) == [("LOBE", 1), ("CYCLES", 1), ("LOBE", 4), ("CYCLES", 4),
-                                                    ("CYCLES", 8)]  # fmt: skip
+    assert [plan.ladder(most) for most in (1, 4, 64)] == [[1], [1, 4], [1, 4, 16, 64]]
+    assert plan.units({"LOBE": 4, "CYCLES": 16}) == [("LOBE", 1), ("CYCLES", 1), ("LOBE", 4), ("CYCLES", 4),
+                                                     ("CYCLES", 16)]  # fmt: skip
 
 
 def test_forecast_of_an_error():
@@ -269,17 +269,25 @@ def test_forecast_of_an_error():
         assert found.error(4) == pytest.approx(1 / 4 if bright < 1 else 1 / 2)
 
 
-def test_each_engine_goes_on_to_the_same_error():
-    """Cycles with four times the error takes four times the samples; the cheaper engine gets no more than that."""
-    both = {"LOBE": forecast(0.63, 0.001), "CYCLES": forecast(2.56, 0.1)}
-    assert plan.most_samples(both, 8, 1e9) == {"LOBE": 32, "CYCLES": 128}
-    # 8 seeds of 1 + 4 + 16 + 64 samples at 0.1 s: 68 s. Lobe hasn't gone further than Cycles, doubled once.
-    assert plan.most_samples(both, 8, 75.0) == {"LOBE": 16, "CYCLES": 64}
-    assert plan.most_samples(both, 8, 0.0) == {"LOBE": 4, "CYCLES": 4}
+@pytest.mark.parametrize(("wanted", "last"), [(1, 4), (16, 16), (63, 16), (64, 64), (128, 64), (255, 64), (256, 256)])
+def test_levels_are_powers_of_four_up_to_the_files_samples(wanted, last):
+    both = {"LOBE": forecast(100.0, 0.001), "CYCLES": forecast(100.0, 0.1)}
+    most = plan.most_samples(both, wanted, 8, 1e9)
+    assert most == {"LOBE": max(last, 16), "CYCLES": max(last, 16)}  # 4 samples wouldn't span WANTED_OVERLAP
+    assert plan.ladder(most["LOBE"])[-3:] == [most["LOBE"] // 16, most["LOBE"] // 4, most["LOBE"]]
 
 
-def test_a_picture_that_is_good_at_once_has_enough_levels():
-    """From 0.08 on, TARGET_ERROR would be a factor of 4: the goal is lower."""
-    assert plan.most_samples({"LOBE": forecast(0.08, 0.001), "CYCLES": forecast(0.08, 0.001)}, 8, 1e9) == {
-        "LOBE": 16, "CYCLES": 16,
-    }  # fmt: skip
+def test_the_engine_with_the_larger_error_goes_on_within_the_budget():
+    """Cycles with nearly four times the error."""
+    both = {"LOBE": forecast(0.63, 0.001), "CYCLES": forecast(2.51, 0.1)}
+    assert plan.most_samples(both, 64, 8, 1e9) == {"LOBE": 64, "CYCLES": 64}
+    # 8 seeds of 1 + 4 + 16 + 64 samples at 0.1 s: 68 s.
+    assert plan.most_samples(both, 64, 8, 69.0) == {"LOBE": 64, "CYCLES": 64}
+    assert plan.most_samples(both, 64, 8, 67.0) == {"LOBE": 16, "CYCLES": 16}
+    assert plan.most_samples(both, 64, 8, 0.0) == {"LOBE": 4, "CYCLES": 4}
+
+
+def test_a_file_of_few_samples_has_enough_levels():
+    """From 0.08 and 0.32 on to 0.08 / WANTED_OVERLAP."""
+    both = {"LOBE": forecast(0.08, 0.001), "CYCLES": forecast(0.32, 0.001)}
+    assert plan.most_samples(both, 1, 8, 1e9) == {"LOBE": 16, "CYCLES": 64}
