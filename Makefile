@@ -33,6 +33,7 @@ test-gui: $(INSTALLED)
 	LOBE_BLENDER_WINDOW="$$window" $(RUN) -m pytest tests/blender/test_gui.py tests/blender/test_viewport_window.py tests/blender/test_compare_window.py
 
 bench: $(INSTALLED)
+	$(RUN) tools/bench.py cornell_diffuse --osl
 	$(RUN) tools/bench.py all
 
 lint: $(INSTALLED)

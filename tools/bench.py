@@ -2,12 +2,12 @@
 
 Renders both engines in turn at 1, 4, 16, ... samples from several seeds, measures their errors against a reference of
 both, and says how many times longer Cycles takes to the same error. `--ceiling` compares Lobe's time with its rays'
-alone, `--features` with that of a kernel that skips less. Every finished render is kept in out/bench/:
-after an interruption the same command goes on where it was. The work is done by benchmarks/convergence/; tables,
-plots and the page go to benchmarks/results/, the table for the README to standard output. Other scenes than the
-samples, another resolution or number of threads are no part of those tables: what is measured of them goes to
-out/bench/results/. Exit code 0; 1 when the engines' long renders of a scene differ, 2 for what the user can mend, 130
-after Ctrl-C.
+alone, `--features` with that of a kernel that skips less, `--osl` Cycles with Open Shading Language and without. Every
+finished render is kept in out/bench/: after an interruption the same command goes on where it was. The work is done by
+benchmarks/convergence/; tables, plots and the page go to benchmarks/results/, the table for the README to standard
+output. Other scenes than the samples, another resolution or number of threads are no part of those tables: what is
+measured of them goes to out/bench/results/. Exit code 0; 1 when the engines' long renders of a scene differ, 2 for what
+the user can mend, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -75,6 +75,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         help="another question: how near is a render's time to that of its rays alone?")  # fmt: skip
     parser.add_argument("--features", action="store_const", dest="question", const=features,
                         help="another question: what does it save to skip what a scene doesn't need?")  # fmt: skip
+    parser.add_argument("--osl", action="store_const", dest="question", const=osl,
+                        help="another question: what does Open Shading Language cost Cycles by itself?")  # fmt: skip
     parser.set_defaults(question=convergence)
     return parser.parse_args(arguments)
 
@@ -172,6 +174,16 @@ def features(options: argparse.Namespace, say) -> int:
     common.enable_lobe()
     folder = results_folder(options, paths)
     say(features.table(paths, options.resolution, options.threads, options.seeds, folder))
+    return 0
+
+
+def osl(options: argparse.Namespace, say) -> int:
+    """Cycles with Open Shading Language and without; as many pairs as there are seeds."""
+    from benchmarks import osl
+
+    paths = scene_paths(options.scenes)
+    common.enable_lobe()
+    say(osl.table(paths, options.resolution, options.threads, options.seeds, results_folder(options, paths)))
     return 0
 
 

@@ -60,8 +60,8 @@ render: of light tree and guiding first, then, where the world has a texture, of
 ("world map" and its width; what isn't named Cycles chooses itself). Trimmed errors decide where the pilot's whole
 errors scatter. "Slopes apart" names an engine whose slopes over time and over samples differ by more than 0.15:
 something else than samples moved its times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the
-scene with Open Shading Language, which slows it. Geometric means are of the sample scenes at the resolution and threads
-of `make bench`, without those whose pictures DIFFER.
+scene with Open Shading Language, whose cost by itself is in [osl.md](osl.md). Geometric means are of the sample scenes
+at the resolution and threads of `make bench`, without those whose pictures DIFFER.
 {AGREEMENT}
 
 """
