@@ -20,6 +20,7 @@ from ...engine import AreaLight, Lamp, PointLight, SpotLight, SunLight, Visibili
 from . import units
 from .faults import naming
 from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
+from .materials.light_path import IN_LAMPS
 from .materials.material import uses_nodes
 from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output
@@ -142,7 +143,7 @@ def light_color(data, name: str, notes: Notes) -> np.ndarray:
     def texture(_evaluator, _slot):
         return None
 
-    walk = Walk(Evaluator(note, texture))
+    walk = Walk(Evaluator(note, texture, IN_LAMPS))
     return color * walk.surface(Slot(find_input(output, "Surface"))).emission
 
 

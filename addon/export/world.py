@@ -13,6 +13,7 @@ import numpy as np
 from ...engine import Visibility, World
 from .images import MISSING, Images
 from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
+from .materials.light_path import IN_WORLDS
 from .materials.material import uses_nodes
 from .materials.nodes_math import euler_matrix
 from .materials.surface import Walk
@@ -29,9 +30,6 @@ SKIES = {
     "SINGLE_SCATTERING": (2.07, 2.07, 2.01),
     "MULTIPLE_SCATTERING": (1.89, 2.55, 3.47),
 }
-
-# What lights the scene counts, not what the camera sees.
-NEAREST = {("ShaderNodeLightPath", "Is Camera Ray"): 0.0, ("ShaderNodeLightPath", "Is Diffuse Ray"): 1.0}
 
 
 def export_world(world, notes: Notes, images: Images) -> World:
@@ -50,7 +48,7 @@ def export_world(world, notes: Notes, images: Images) -> World:
         notes.add(level, "world", world.name, sentence)
 
     environment = Environment(images, note)
-    walk = Walk(Evaluator(note, environment.texture, NEAREST))
+    walk = Walk(Evaluator(note, environment.texture, IN_WORLDS))
     if source(Slot(find_input(output, "Volume"))).socket.is_output:
         note("volumes are not supported and left out")
     light = walk.surface(Slot(find_input(output, "Surface"))).emission

@@ -16,23 +16,10 @@ from ..images import MISSING, Images
 from ..notes import WARNING, Note, Notes
 from ..stop import Stop
 from ..unsupported import note_material
+from .light_path import IN_MATERIALS
 from .surface import Walk, merge_lobes
 from .tree import Slot, find_input, shader_output, source
 from .values import Evaluator, node_label
-
-# What stands for values that depend on the ray or the place: the camera looks at the front.
-NEAREST = {
-    ("ShaderNodeLightPath", "Is Camera Ray"): 1.0,
-    ("ShaderNodeLightPath", "Is Shadow Ray"): 0.0,
-    ("ShaderNodeLightPath", "Is Diffuse Ray"): 0.0,
-    ("ShaderNodeLightPath", "Is Glossy Ray"): 0.0,
-    ("ShaderNodeLightPath", "Is Singular Ray"): 0.0,
-    ("ShaderNodeLightPath", "Is Reflection Ray"): 0.0,
-    ("ShaderNodeLightPath", "Is Transmission Ray"): 0.0,
-    ("ShaderNodeLightPath", "Is Volume Scatter Ray"): 0.0,
-    ("ShaderNodeNewGeometry", "Backfacing"): 0.0,
-}
-
 
 # W/(m2 sr), of any channel. The sun's disk shines with 1e7; far above the limit, sums of float32 are infinite.
 BRIGHTEST = float(np.float32(1e30))
@@ -142,7 +129,7 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
     def texture(_evaluator, slot: Slot) -> np.ndarray:
         return average_color(slot, images, note)
 
-    walk = Walk(Evaluator(note, texture, NEAREST, stop.check))
+    walk = Walk(Evaluator(note, texture, IN_MATERIALS, stop.check))
     surface = walk.surface(Slot(find_input(output, "Surface")))
     ks, exponent = merge_lobes(surface.lobes, note)
     note_material(material, bool(surface.transparency.max() > 0.0), notes)
