@@ -366,14 +366,14 @@ def test_a_bug_is_named_and_traced(simple_scene, session, monkeypatch, capfd) ->
 
 
 @pytest.mark.parametrize("is_preview", [True, False])
-def test_an_icon_leaves_the_report_of_the_last_render_alone(report, is_preview: bool) -> None:
+def test_an_icon_leaves_the_report_of_the_last_render_alone(report, session, is_preview: bool, monkeypatch) -> None:
     """As Blender calls an engine; the bpy module draws no icons."""
     engine_type = importlib.import_module(f"{MODULE}.addon.render_engine").LobeRenderEngine
     reports = []
-    engine_object = SimpleNamespace(
-        session=SimpleNamespace(render=reports.append), frame_report=None, failed=False, is_preview=is_preview
-    )
+    monkeypatch.setattr(session, "Session", lambda *_: SimpleNamespace(render=reports.append))
+    engine_object = SimpleNamespace(frame_report=None, failed=False, is_preview=is_preview)
     report["samples"] = 7.0
+    engine_type.update(engine_object, None, None)
     engine_type.render(engine_object, None)
     if is_preview:
         engine_type.render_frame_finish(engine_object)
