@@ -17,7 +17,8 @@ TEXT_SIZE = 16.0  # pixels
 TEXT_COLUMNS = 80
 
 
-_dropped: list[gpu.types.GPUTexture] = []  # by threads that may not free them
+# By threads that may not free them: the next drawing of any viewport does, or the next that ends.
+_dropped: list[gpu.types.GPUTexture] = []
 
 
 class Drawing:
@@ -47,7 +48,9 @@ class Drawing:
     def close(self) -> None:
         """On another thread than Blender's own, where there is no graphics context, the texture waits for the next
         drawing of any viewport."""
-        if self._texture is not None and threading.current_thread() is not threading.main_thread():
+        if threading.current_thread() is threading.main_thread():
+            _dropped.clear()
+        elif self._texture is not None:
             _dropped.append(self._texture)
         self._texture = self._picture = None
 

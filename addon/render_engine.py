@@ -29,6 +29,7 @@ class LobeRenderEngine(bpy.types.RenderEngine):
     frame_report = None  # of the view layers rendered so far in this frame
     kept_layers = None  # what is kept for the next frame, where Blender keeps this object for it
     viewport = None  # made by the first callback of a 3D viewport, and by the first one after it was closed
+    ends_viewport = None  # its finalizer
     failed = False  # then this frame's other view layers aren't tried: the user has the message
 
     def __init__(self, *args, **kwargs):
@@ -83,9 +84,11 @@ class LobeRenderEngine(bpy.types.RenderEngine):
         if self.viewport is None or self.viewport.is_closed:
             from .viewport import Viewport
 
+            if self.ends_viewport is not None:
+                self.ends_viewport.detach()
             self.viewport = Viewport(self)
             # Not in __del__: there Blender no longer lets one look at the attributes. Also when the program ends.
-            weakref.finalize(self, self.viewport.close)
+            self.ends_viewport = weakref.finalize(self, self.viewport.close)
             with _viewports_lock:
                 _viewports.add(self.viewport)
                 if _renders:

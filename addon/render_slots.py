@@ -72,10 +72,10 @@ def _forget(*_) -> None:
 
 def register() -> None:
     bpy.app.handlers.render_init.append(_note)
-    bpy.app.handlers.load_pre.append(_forget)
+    bpy.app.handlers.load_post.append(_forget)  # not before: a file may not open
 
 
 def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_forget)
+    bpy.app.handlers.load_post.remove(_forget)
     bpy.app.handlers.render_init.remove(_note)
     _forget()

@@ -30,7 +30,7 @@ from .kernels.jit import CACHE_FOLDER, lost_cache
 from .kernels.records import COUNTERS
 from .lighttree import build_nodes, load_builder
 from .pack import Packed, pack
-from .pack.lamps import MOST_LISTED_FLAT
+from .pack.lamps import may_be_traced
 from .result import Doing
 from .scene import Camera, Scene
 from .settings import Settings
@@ -43,7 +43,7 @@ COMMON = {"kernels": "of common scenes"}  # to mark that they are all there
 def small_functions(scene: Scene, halt: np.ndarray) -> Iterator[tuple[Callable[[float], Doing], Callable]]:
     """What loads or compiles the functions that packing the scene needs, each after what to say meanwhile. halt: see
     `get_kernel`."""
-    for make in (build_monitor, lamp_filter) if len(scene.lights) > MOST_LISTED_FLAT else (build_monitor,):
+    for make in (build_monitor, lamp_filter) if may_be_traced(scene) else (build_monitor,):
         yield partial(loading_callback, elsewhere.is_marked(_callback(make), _cache())), partial(_get_callback, make)
     if len(scene.lights) > 1 or any(any(material.emission) for material in scene.materials):
         builder = Compilation([build_nodes], elsewhere.is_marked(TREE_BUILDER, _cache()), BUILDER_ONCE)

@@ -196,7 +196,7 @@ def _add_sample(f, tables, surfaces, memory, out, columns, pixel_x, pixel_y, pix
         if not f.transparency or is_black(lets_through):
             break
         through = mul(through, lets_through)
-        stretch = Stretch(offset_origin(surface[5], negate(surface[2])), ZERO, left)
+        stretch = Stretch(offset_origin(surface[5], negate(surface[2])), ZERO, left, ZERO)
     return rays
 
 

@@ -60,8 +60,7 @@ def follow(f, tables, memory, ray, stretch, light):
     else:
         met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
     if f.lamp_shapes & LISTED_LAMPS:
-        stretch = Stretch(stretch.start, stretch.t_near, floats[TFAR])
-        light = gather_listed_lamps(f, tables, ray, stretch, light)
+        light = gather_listed_lamps(f, tables, ray, stretch, floats[TFAR], light)
     if not met:
         light = escaped(f, tables, ray, light)
     return met, light
@@ -102,7 +101,7 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
     of the path's next ray, what a shadow ray sees. Returns (`light`, rays traced)."""
     geometry, throughput = tables.geometry, light.throughput
     ray = Ray(ray.p, ray.n, ray.wi, ray.kind, ray.pdf, True)
-    stretch, rays = Stretch(start, ZERO, FAR), 0
+    stretch, rays = Stretch(start, ZERO, FAR, ZERO), 0
     for _ in range(MAX_TRANSPARENT):
         met, light = follow(f, tables, memory, ray, stretch, light)
         rays += 1
@@ -117,7 +116,7 @@ def follow_as_shadow(f, tables, memory, ray, start, light):
         light = dimmed(light, material_color(geometry, material, TRANSPARENCY))
         if is_black(light.throughput):
             break
-        stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, FAR)
+        stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, FAR, length(sub(p, ray.p)))
     return Light(light.radiance, throughput, light.limit), rays
 
 
@@ -189,18 +188,18 @@ class Notes(NamedTuple):
 
 
 @device
-def gather_listed_lamps(f, tables, ray, stretch, light):
-    """`light` with that of the listed lamps that the ray meets on its stretch."""
+def gather_listed_lamps(f, tables, ray, stretch, t_hit, light):
+    """`light` with that of the listed lamps that the ray meets on its stretch, up to its hit so far from the start."""
     if not _meets_lamps(f, ray.kind, ray.as_shadow):
         return light
     lights = tables.lights
-    behind = length(sub(stretch.start, ray.p))  # of the stretch, from where the ray set out
+    # A start is a little off its surface. A lamp may begin before the first one, and counts there.
+    behind = length(sub(stretch.start, ray.p))
     for k in range(len(lights.listed_lamps)):
         i = lights.listed_lamps[k]
         if np.uint32(lights.lamps[i, LAMP_MASK]) & ray.kind:
             distance = lamp_distance(f, lights, i, ray.p, ray.wi)
-            t = distance - behind
-            counts = (distance > ZERO) & (t > stretch.t_near) & (t <= stretch.t_far)
+            counts = (distance > ZERO) & (distance - stretch.begins > stretch.t_near) & (distance - behind <= t_hit)
             if any_of(counts):
                 lamp = to_index(select(counts, int32(i), np.int32(0)))
                 found = gather(f, light, _met_lamp(f, tables, ray, lamp, distance))

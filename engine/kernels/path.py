@@ -19,7 +19,7 @@ from .direct import direct_light, lit_share, samples_lights
 from .embree import TFAR, aligned_memory, init_ray, ray_words
 from .film.sums import add_sample
 from .geom.surface import find_surface, hit_of, offset_origin
-from .geom.vec import BLACK, FAR, ONE, ZERO, average, dot, is_black, mul, negate, scale
+from .geom.vec import BLACK, FAR, ONE, ZERO, average, dot, is_black, length, mul, negate, scale, sub
 from .jit import device, kernel
 from .met import emitted, follow, follow_as_shadow, sees_shadows_light, shows_world_alone, world_behind
 from .parts import add_parts, credit, credit_lobes, foresee, start_parts
@@ -91,7 +91,8 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
             if is_black(through) or passed > MAX_TRANSPARENT:
                 break
             numbers = Numbers(key, order, numbers.dimension + VERTEX_DECISIONS)
-            stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
+            left = stretch.t_far - memory.floats[TFAR]
+            stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, left, length(sub(p, ray.p)))
             continue
         found, own = emitted(f, tables, ray, p, material, triangle)
         if not is_black(found):
@@ -106,7 +107,8 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
                 passed += 1
                 if passed > MAX_TRANSPARENT:
                     break
-                stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, stretch.t_far - memory.floats[TFAR])
+                left = stretch.t_far - memory.floats[TFAR]
+                stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, left, length(sub(p, ray.p)))
                 continue
         if last or not reflects(tables.geometry, material):
             break
@@ -140,7 +142,7 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
             if not survives:
                 break
             light = dimmed(light, scale(WHITE, ONE / chance))
-        stretch = Stretch(vertex.start, ZERO, FAR)
+        stretch = Stretch(vertex.start, ZERO, FAR, ZERO)
     return light.radiance, alpha, rays
 
 

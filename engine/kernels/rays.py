@@ -37,7 +37,7 @@ from .embree import (
 )
 from .embree import U as HIT_U
 from .embree import V as HIT_V
-from .geom.vec import ONE, ZERO
+from .geom.vec import FAR, ONE, ZERO
 from .jit import AS_WRITTEN, device
 from .met import Notes, gather_listed_lamps, gather_noted_lamps, reach
 from .parts import credit_lit
@@ -129,9 +129,9 @@ def _add_listed_lamps(f, tables, batch, i, n, kind, limit):
     """Add the light of the listed lamps that paths i.. of n have passed to their samples."""
     paths, within = batch.paths, first_lanes(n - i)
     t_hit = select(within, load_parts(batch.packets, TFAR, PACKET_WIDTH), -ONE)
-    stretch = Stretch(load_3(paths, rows.START, i), load(paths, rows.T_NEAR, i), t_hit)
+    stretch = Stretch(load_3(paths, rows.START, i), load(paths, rows.T_NEAR, i), FAR, ZERO)
     place, light = _light_of(batch, i, within, limit)
-    light = gather_listed_lamps(f, tables, rays_at(paths, i, kind), stretch, light)
+    light = gather_listed_lamps(f, tables, rays_at(paths, i, kind), stretch, t_hit, light)
     put_at_3(batch.samples, rows.LIGHT, place, light.radiance, within)
 
 

@@ -92,11 +92,16 @@ class Ray(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """The part of a ray that is yet to be followed. t_near, t_far: metres from `start`."""
+    """The part of a ray that is yet to be followed.
+
+    t_near, t_far  metres from `start`
+    begins         how far from `Ray.p` the surface is that the ray has gone through, metres; 0: none
+    """
 
     start: tuple
     t_near: np.float32
     t_far: np.float32
+    begins: np.float32
 
 
 class Light(NamedTuple):

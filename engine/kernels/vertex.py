@@ -51,7 +51,7 @@ def camera_ray(f, tables, numbers, pixel_x, pixel_y):
     if f.lens:
         u1, u2 = sample_2d(tables.sampler, numbers.key, numbers.order, LENS)
     origin, wi, t_near, t_far = generate_ray(tables.camera, f.orthographic, f.lens, x, y, u1, u2)
-    return Ray(origin, wi, wi, CAMERA_RAY, -ONE, False), Stretch(origin, t_near, t_far)
+    return Ray(origin, wi, wi, CAMERA_RAY, -ONE, False), Stretch(origin, t_near, t_far, ZERO)
 
 
 @device

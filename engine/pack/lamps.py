@@ -9,7 +9,7 @@ import numpy as np
 from ..accel import SphereGeometry, TriangleGeometry
 from ..features import DISK, ELLIPSE, POINT, RECTANGLE, SPHERE, SPOT
 from ..kernels import tables as t
-from ..scene import AreaLight, PointLight, SpotLight, Visibility
+from ..scene import AreaLight, PointLight, Scene, SpotLight, Visibility
 from ..validate import SMALLEST_SIZE
 from .geometry import VERTEX_PADDING
 
@@ -110,6 +110,12 @@ def lamps_that_rays_meet(kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray)
     traced = [ones for ones, are_few in zip((round_ones, flat_ones), few, strict=True) if not are_few]
     none = [np.zeros(0, np.int64)]
     return np.concatenate(listed + none).astype(np.int32), np.concatenate(traced + none).astype(np.int32)
+
+
+def may_be_traced(scene: Scene) -> bool:
+    """Whether it has so many lamps that Embree may have to know some: asked before they are packed."""
+    flat = sum(isinstance(light, AreaLight) for light in scene.lights)
+    return flat > MOST_LISTED_FLAT or len(scene.lights) - flat > MOST_LISTED_ROUND
 
 
 def lamp_shapes(traced: np.ndarray, kinds: np.ndarray, rows: np.ndarray, masks: np.ndarray):

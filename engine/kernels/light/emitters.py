@@ -22,6 +22,7 @@ from ...features import (
     RECTANGLE,
     SPHERE,
     SPOT,
+    TRACED_LAMPS,
 )
 from ..geom.vec import BLACK, FAR, LAST_BELOW_ONE, ONE, UP, ZERO, cross, mul, sub
 from ..jit import device
@@ -215,14 +216,14 @@ def local_probability(f, lights, tree, emitter, p, n):
 def found_by_rays(f, lights, i, p):
     """Whether a ray that was scattered at p shares the light of lamp i with light sampling. If not, light sampling
     alone finds it: a lamp that casts no shadow, as rays would be blocked; an area lamp whose shape for rays p is too
-    close to; and a disk, which is met by way of the sphere around it, where p is inside that sphere or something
+    close to; and a disk that Embree has, as the sphere around it, where p is inside that sphere or something
     transparent may lie there."""
     kind, lamps = at(lights.lamp_kind, i), lights.lamps
     found = (at(lamps, i, UNSHADOWED) <= ZERO) | (not f.unshadowed)
     if f.lamp_kinds & (RECTANGLE | ELLIPSE):
         flat = _is(f, kind, np.int32(RECTANGLE)) | _is(f, kind, np.int32(ELLIPSE))
         found = found & (no(flat) | before_shape(lamps, i, p))
-    if f.lamp_kinds & DISK:
+    if f.lamp_kinds & DISK and f.lamp_shapes & TRACED_LAMPS:
         found = found & no(_is(f, kind, np.int32(DISK)) & (inside_lamp(lamps, i, p) | (f.transparency != 0)))
     return found
 

@@ -75,7 +75,7 @@ def sample_disk_lamp(spot, lamps, i, p, u1, u2):
 
 @device
 def disk_lamp_seen(spot, lamps, i, p, wi):
-    """(radiance, pdf) for a ray from p along wi that meets the sphere about the disk; black where it misses it."""
+    """(radiance, pdf) for a ray from p along wi; black where it misses the disk, as Embree has the sphere about it."""
     to_lamp = sub(_position(lamps, i), p)
     axis, distance = direction_and_length(to_lamp)
     cosine = dot(axis, wi)
@@ -107,9 +107,11 @@ def sphere_lamp_distance(lamps, i, p, wi):
     along = dot(to_lamp, wi)
     off = sub(scale(wi, along), to_lamp)  # from the middle, where the ray is next to it: cancels nothing for far lamps
     half_squared = radius * radius - dot(off, off)
-    half = math.sqrt(max(half_squared, ZERO))
-    t = along + select(inside_lamp(lamps, i, p), half, -half)
-    return select(half_squared < ZERO, -ONE, t)
+    far = along + math.sqrt(max(half_squared, ZERO))
+    # The product of both distances is the power of p, so the nearer one cancels nothing, however close to it p is.
+    near = max(dot(to_lamp, to_lamp) - radius * radius, TINY) / max(far, TINY)
+    t = select(inside_lamp(lamps, i, p), far, near)
+    return select((half_squared < ZERO) | (far <= ZERO), -ONE, t)
 
 
 @device
