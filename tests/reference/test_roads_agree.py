@@ -183,10 +183,11 @@ def test_lamps_in_the_list_are_met_as_those_in_embree_s_scene(name, monkeypatch)
     monkeypatch.setattr(lamps, "MOST_LISTED_ROUND", 0)
     monkeypatch.setattr(lamps, "MOST_LISTED_FLAT", 0)
     traced = pictures(scene, road="COMPILED")
-    # At the rim of a lamp, and of a surface before it, a rounding decides.
-    same = np.all(np.isclose(listed, traced, rtol=1e-3, atol=1e-5), axis=-1)
-    assert np.mean(same) > 0.99
     assert_agree(listed, traced)
+    if name != "a sheet inside a soft lamp":  # from within a soft lamp only listed ones share their light with rays
+        # At the rim of a lamp, and of a surface before it, a rounding decides.
+        same = np.all(np.isclose(listed, traced, rtol=1e-3, atol=1e-5), axis=-1)
+        assert np.mean(same) > 0.99
 
 
 @pytest.mark.parametrize("name", ["cornell", "phong plates", "all lamps"])

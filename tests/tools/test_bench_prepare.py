@@ -45,7 +45,7 @@ class Witness:
         if getattr(owner, key) != value:
             self.changes.append((type(owner).__name__, key))
 
-    def at_end(self, undo) -> None:
+    def at_end(self, *_) -> None:
         pass
 
 
