@@ -9,8 +9,13 @@ from __future__ import annotations
 
 import argparse
 import csv
+import hashlib
+import platform
+import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -25,6 +30,9 @@ from tools.lobe_blender import enable_lobe  # noqa: E402
 SAMPLES = ROOT / "sample_blends"
 RESULTS = ROOT / "benchmarks" / "results"
 SUMMARY = "geometric mean"  # what the names of rows that sum up others begin with
+MADE_BY = "made_by"  # the table of what the rows of the others were measured on
+UNRECORDED = "not recorded"
+VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "neon": "NEON"}  # LLVM's names, the widest first
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
 __all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "add_results", "br", "enable_lobe", "engine_label",
@@ -112,7 +120,8 @@ def update_table(
     """Put `rows` into results/`name`.csv, in place of rows with equal `keys`, and write the same table as Markdown.
 
     folder: in place of results; note: Markdown before the table; summary: makes last rows of all the others, whose
-    first key begins with SUMMARY. Gives back the Markdown of the new rows.
+    first key begins with SUMMARY. Gives back the Markdown of the new rows. Below the table stands which processor and
+    engine its rows are of, see `keep_makers`.
     """
     folder = RESULTS if folder is None else folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -134,8 +143,64 @@ def update_table(
         writer = csv.DictWriter(file, fields, lineterminator="\n")
         writer.writeheader()
         writer.writerows(together)
-    path.with_suffix(".md").write_text(note + markdown(together))
+    fresh_rows, kept_rows = (["; ".join(row[k] for k in keys) for row in some] for some in (rows, old))
+    keep_makers(name, fresh_rows, kept_rows, folder)
+    count = len({*fresh_rows, *kept_rows})
+    path.with_suffix(".md").write_text(note + markdown(together) + made_by(name, count, folder))
     return markdown(rows)
+
+
+def keep_makers(name: str, fresh: list[str], kept: list[str], folder: Path) -> None:
+    """Note in made_by.csv that the rows `fresh` of a table are of this processor and engine; `kept` rows stay as they
+    were, and what is known of others is forgotten. Rows are named by their keys."""
+    old = read_table(MADE_BY, folder)
+    rows = [row for row in old if row["table"] != name or (row["row"] in kept and row["row"] not in fresh)]
+    mine = {"processor": processor(), "engine": engine_digest()}
+    rows += [{"table": name, "row": row} | mine for row in fresh]
+    rows.sort(key=lambda row: (row["table"], row["row"]))
+    with (folder / f"{MADE_BY}.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, ("table", "row", "processor", "engine"), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def makers(name: str, count: int, folder: Path) -> dict[tuple[str, str], int]:
+    """(processor, engine) of a table's rows, and how many are of each: of `count`, those that nothing is known of are
+    UNRECORDED."""
+    found = Counter((row["processor"], row["engine"]) for row in read_table(MADE_BY, folder) if row["table"] == name)
+    if unknown := count - found.total():
+        found[UNRECORDED, UNRECORDED] += unknown
+    return dict(found)
+
+
+def made_by(name: str, count: int, folder: Path) -> str:
+    """The line below a table."""
+    lines = [
+        f"{number} of {count} rows: " + (f"{cpu}, engine {engine}" if cpu != UNRECORDED else UNRECORDED)
+        for (cpu, engine), number in makers(name, count, folder).items()
+    ]
+    return f"\nMeasured on: {'; '.join(lines)}.\n"
+
+
+@cache
+def processor() -> str:
+    """Its name, and the widest vectors that it has: "AMD EPYC, AVX2"."""
+    from llvmlite import binding
+
+    described = Path("/proc/cpuinfo")
+    names = re.findall(r"model name\s*: (.*)", described.read_text()) if described.is_file() else []
+    has = binding.get_host_cpu_features()
+    widest = next((text for feature, text in VECTORS.items() if has.get(feature)), "")
+    return ", ".join(filter(None, [names[0] if names else platform.processor() or platform.machine(), widest]))
+
+
+@cache
+def engine_digest() -> str:
+    """Of the sources in engine/: two tables with the same are of the same engine."""
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / "engine").rglob("*.py")):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:10]
 
 
 def read_table(name: str, folder: Path) -> list[dict[str, str]]:

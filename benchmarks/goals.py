@@ -26,6 +26,7 @@ TIME_MARKS = "<!-- goals.py: where the time goes -->\n", "<!-- its end -->\n"
 GROWTH_MARKS = "<!-- goals.py: what grows -->\n", "<!-- its end -->\n"
 LARGEST = 3  # parts of the kernel that are named
 PAGE = ROOT / "benchmarks" / "README.md"
+OLDER, PRESENT = "older than the engine", "the present one"
 YES, NO, UNKNOWN = "yes", "no", "not measured"
 NEAR_LINE = 0.15  # how far, relative, render times may be from a straight line over the logarithm
 LINEAR = 1.1  # a power of the count up to which growth is called linear
@@ -51,7 +52,22 @@ class Goal:
         except KeyError as column:
             verdict, measured = UNKNOWN, f"the table has no column {column}"
         where = f"[{self.table}.md](results/{self.table}.md)" if kept else f"{self.table}.md"
-        return {"goal": self.text, "reached": verdict, "measured": measured, "where": where}
+        return {
+            "goal": self.text,
+            "reached": verdict,
+            "engine": measured_engine(self.table, kept, folder),
+            "measured": measured,
+            "where": where,
+        }
+
+
+def measured_engine(table: str, rows: Sequence[Row], folder: Path) -> str:
+    """Whether a table's rows are of the engine as it is now; a note beside the verdict. Empty without any."""
+    count = sum(not any(cell.startswith(common.SUMMARY) for cell in row.values()) for row in rows)
+    engines = {engine for _, engine in common.makers(table, count, folder)}
+    if engines - {common.engine_digest(), common.UNRECORDED}:
+        return OLDER
+    return common.UNRECORDED if common.UNRECORDED in engines else PRESENT if engines else ""
 
 
 def first_number(text: str) -> float | None:
@@ -86,8 +102,8 @@ def mean_ratio(rows: Sequence[Row]) -> tuple[str, str]:
     if not means:
         return UNKNOWN, ""
     enough = len(with_enough_levels(rows)) == len(common.SCENES)
-    whole = {f"{common.SUMMARY} of {len(common.SCENES)}"}
-    complete = enough and len(means) == 2 and whole <= {row["scene"] for row in means}
+    of_all = f"{common.SUMMARY} of {len(common.SCENES)}"
+    complete = enough and len(means) == 2 and of_all in (row["scene"] for row in means)
     reached = all(float(row[tables.RATIO]) >= 5.0 for row in means)
     texts = [f"{row[tables.RATIO]} ({row[tables.RATIO + tables.INTERVAL]}), {row['scene']}" for row in means]
     text = "; ".join(texts) + ("" if enough else "; some of too few levels")

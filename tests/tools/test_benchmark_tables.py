@@ -22,7 +22,35 @@ def test_a_row_takes_the_place_of_its_predecessor(common):
     new = common.update_table("t", ("scene",), [{"scene": "b", "x": 3}])
     assert new == "| scene | x |\n| --- | --- |\n| b | 3 |\n"
     assert (common.RESULTS / "t.csv").read_text() == "scene,x\na,2\nb,3\n"
-    assert (common.RESULTS / "t.md").read_text() == "| scene | x |\n| --- | --- |\n| a | 2 |\n| b | 3 |\n"
+    written = (common.RESULTS / "t.md").read_text()
+    assert written.startswith("| scene | x |\n| --- | --- |\n| a | 2 |\n| b | 3 |\n\nMeasured on: 2 of 2 rows: ")
+
+
+def test_a_table_says_what_its_rows_were_measured_on(common, monkeypatch):
+    def last_line() -> str:
+        return (common.RESULTS / "t.md").read_text().splitlines()[-1]
+
+    def update(*scenes: str) -> None:
+        rows = [{"scene": scene, "x": 1} for scene in scenes]
+        common.update_table("t", ("scene", "x"), rows, summary=lambda _: [{"scene": "geometric mean", "x": 1}])
+
+    monkeypatch.setattr(common, "engine_digest", lambda: "e1")
+    monkeypatch.setattr(common, "processor", lambda: "old, AVX2")
+    common.update_table("other", ("scene",), [{"scene": "a", "x": 1}])
+    update("a", "b", "c")
+    assert last_line() == "Measured on: 3 of 3 rows: old, AVX2, engine e1."
+    monkeypatch.setattr(common, "engine_digest", lambda: "e2")
+    update("b")
+    assert last_line() == "Measured on: 2 of 3 rows: old, AVX2, engine e1; 1 of 3 rows: old, AVX2, engine e2."
+    made_by = common.RESULTS / "made_by.csv"
+    assert 'other,a,"old, AVX2",e1\n' in made_by.read_text() and 't,b; 1,"old, AVX2",e2\n' in made_by.read_text()
+    made_by.unlink()  # a table of before there was such a note
+    update("b")
+    assert last_line() == "Measured on: 1 of 3 rows: old, AVX2, engine e2; 2 of 3 rows: not recorded."
+
+
+def test_processor_and_engine_have_names(common):
+    assert common.processor().strip() and len(common.engine_digest()) == 10
 
 
 def test_rows_of_another_form_are_dropped(common):
