@@ -76,6 +76,7 @@ def test_a_feature_is_measured_where_it_tells(monkeypatch, feature, scene):
     assert (row["scene"], row["both path by path"]) == (scene, "")
 
 
+@pytest.mark.long  # compiles kernels without a cache, as the table does
 def test_a_row_is_measured(monkeypatch):
     """Of a feature that takes the kernel from stages to paths."""
     monkeypatch.setattr(features, "SAMPLES", 1)
