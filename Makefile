@@ -1,9 +1,11 @@
+# make          prints this list
 # make render   renders a sample scene with Lobe into out/
 # make test     everything that must hold: style, types, tests
 # make test-long  the tests that take minutes, and the tables of accuracy in benchmarks/results/
 # make test-gui   Lobe in a Blender with a window, which LOBE_BLENDER_WINDOW names; the pictures end up in out/gui/
 # make bench    error against time beside Cycles, into benchmarks/results/: about an hour; it can be interrupted
 # make package  the extension with its wheels, a zip for each system, into out/
+# make clean    removes .venv, out/ and what is kept in the temporary folder, see README.md
 # Each makes .venv from the pinned requirements when it is missing or they have changed.
 
 PYTHON ?= python3.11
@@ -11,7 +13,10 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/installed
 
-.PHONY: render test test-long test-gui bench lint types package venv clean
+.PHONY: help render test test-long test-gui bench lint types package venv clean
+
+help:
+	@sed -n '/^#/!q;s/^# //p' Makefile
 
 render: $(INSTALLED)
 	mkdir -p out
@@ -56,4 +61,5 @@ $(INSTALLED): requirements.txt requirements-dev.txt
 	touch $(INSTALLED)
 
 clean:
+	$(PYTHON) -c 'from tools.lobe_blender import clean; clean()'
 	rm -rf $(VENV) out

@@ -13,16 +13,18 @@ import re
 import resource
 import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from . import cycles_peer
 
 ENGINES = ("LOBE", "CYCLES")
-PHASES = ("export", "build", "compile", "render", "total")
+PHASES = ("export", "build", "compile", "render", "denoise", "total")
 
 
 class ToolError(Exception):
@@ -133,6 +135,24 @@ def set_engine(scene, engine: str, as_is: bool = False) -> None:
             ) from error
 
 
+def check_renderable(scene) -> None:
+    """What Blender itself would say in other words, or only after it has run out of memory."""
+    from bl_ext.user_default.lobe.addon.export.camera import NO_CAMERA
+    from bl_ext.user_default.lobe.engine import LobeError, memory
+
+    if scene.camera is None:
+        raise ToolError(NO_CAMERA)
+    render = scene.render
+    width, height = (side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y))
+    area = 1.0
+    if render.use_border:
+        area = (render.border_max_x - render.border_min_x) * (render.border_max_y - render.border_min_y)
+    try:
+        memory.foresee({f"{width} x {height} pixels": int(memory.OF_PIXEL * width * height * area)})
+    except LobeError as error:
+        raise ToolError(str(error)) from error
+
+
 # --- rendering ------------------------------------------------------------------------------------------------
 
 
@@ -170,13 +190,23 @@ def render(
     return report
 
 
-def check(scene) -> tuple[bool, list[str]]:
-    """Whether Lobe draws everything in `scene` as asked, and the lines of the scene report. Renders nothing."""
+class Checked(NamedTuple):
+    """Whether Lobe draws everything as asked, or at least nearly so, and the lines of the scene report."""
+
+    is_honoured: bool
+    is_nearly_honoured: bool
+    lines: list[str]
+
+
+def check(scene) -> Checked:
+    """Of what Lobe draws of `scene`. Renders nothing."""
     from bl_ext.user_default.lobe.addon import scene_report
     from bl_ext.user_default.lobe.addon.check import check as notes_of
+    from bl_ext.user_default.lobe.addon.export.notes import ERROR, WARNING
 
     report = scene_report.keep(scene_report.key(scene), "check", notes_of(scene))
-    return scene_report.is_honoured(report), scene_report.lines(report)
+    is_nearly = not report.of_level(ERROR, WARNING)
+    return Checked(scene_report.is_honoured(report), is_nearly, scene_report.lines(report))
 
 
 def _stamp_name_only(scene) -> None:
@@ -196,7 +226,8 @@ def _lobe_report(total: float) -> dict:
     if not last_report:
         raise ToolError("Lobe ended without a picture")
     report = {key: last_report[key] for key in ("engine", "samples", "seconds", "rays")}
-    report["seconds"] = {phase: last_report["seconds"][phase] for phase in PHASES[:-1]} | {"total": total}
+    seconds = {phase: last_report["seconds"].get(phase, 0.0) for phase in PHASES[:-1]}
+    report["seconds"] = seconds | {"total": total}
     report["peak_memory_mb"] = _peak_memory_mb()
     report["skipped"], report["warnings"] = list(last_report["skipped"]), list(last_report["warnings"])
     return report
@@ -240,9 +271,31 @@ def picture(scene, report: dict | None = None) -> np.ndarray:
     return pixels
 
 
+def passes(scene) -> dict[str, np.ndarray]:
+    """What the Render Result has beside the one picture: (h, w) float32, row 0 at the top, by the names of the channels
+    in Blender's own multilayer files, such as "ViewLayer.Depth.Z". Nothing where that is one layer's Combined alone.
+    """
+    import bpy
+    import OpenImageIO as oiio
+    from bl_ext.user_default.lobe.addon.compare.pictures import image_settings
+
+    newer = {"media_type": "MULTI_LAYER_IMAGE"} if bpy.app.version >= (5, 0) else {}
+    folder_in_blenders = tempfile.TemporaryDirectory(dir=bpy.app.tempdir, prefix=_temporary_prefix())
+    with folder_in_blenders as folder:
+        path = str(Path(folder, "passes.exr"))
+        with image_settings(scene, "OPEN_EXR_MULTILAYER", "RGBA", "32", exr_codec="NONE", **newer):
+            bpy.data.images["Render Result"].save_render(path, scene=scene)
+        channels: dict[str, np.ndarray] = {}
+        for part in range(oiio.ImageBuf(path).nsubimages):  # one for each pass from Blender 5 on, else one for all
+            buffer = oiio.ImageBuf(path, part, 0)
+            pixels = np.asarray(buffer.get_pixels(oiio.FLOAT))
+            channels |= {name: pixels[..., i] for i, name in enumerate(buffer.spec().channelnames)}
+    return {} if len(channels) == 4 else channels
+
+
 def remove_temporary_files() -> None:
-    """Those of `picture`, and Blender's own folder if it is empty, for a process that ends without Blender's tidying
-    up."""
+    """Those of `picture` and `passes`, and Blender's own folder if it is empty, where a process ends without Blender's
+    tidying up."""
     import bpy
 
     folder = Path(bpy.app.tempdir)
@@ -281,12 +334,20 @@ def save_png(scene, path: Path) -> None:
             raise ToolError(f"{str(path)!r} cannot be written: {_blender_message(error)}") from error
 
 
-def save_exr(path: Path, pixels: np.ndarray, metadata: dict[str, str | float | int]) -> None:
-    """(h, w, 4) scene-linear pixels as a float EXR with `metadata`."""
+def save_exr(
+    path: Path,
+    pixels: np.ndarray,
+    metadata: dict[str, str | float | int],
+    others: dict[str, np.ndarray] | None = None,
+) -> None:
+    """(h, w, 4) scene-linear pixels as a float EXR with `metadata`; `others` are channels as `passes` has them."""
     import OpenImageIO as oiio
 
-    height, width, _ = pixels.shape
-    spec = oiio.ImageSpec(width, height, 4, "float")
+    others = others or {}
+    pixels = np.dstack([pixels, *others.values()]) if others else pixels
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, "float")
+    spec.channelnames = ("R", "G", "B", "A", *others)
     spec.attribute("compression", "zip")
     spec.attribute("oiio:ColorSpace", "Linear")
     for key, value in metadata.items():

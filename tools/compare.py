@@ -47,7 +47,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.seconds and options.samples is not None:
         parser.error("--seconds and --samples: what is equal is one of the two")
-    return argparse.Namespace(**vars(options), engine="LOBE", as_is=False)
+    return argparse.Namespace(**vars(options), engine="LOBE", as_is=False, check=False)
 
 
 def compare(options: argparse.Namespace):

@@ -49,7 +49,7 @@ def install() -> Path:
     The folder stays the same for a checkout and a version of Blender, because Numba's cache depends on where the
     kernels lie; the add-on keeps that cache in here too, as in a Blender program.
     """
-    user = private_folder(f"blender-{blender_version()}-{hashlib.sha1(str(REPOSITORY).encode()).hexdigest()[:8]}")
+    user = private_folder(f"blender-{blender_version()}-{_checkout()}")
     extensions = user / "extensions" / "user_default"
     stamp = user / "content"
     content = _content_hash()
@@ -67,6 +67,23 @@ def install() -> Path:
             shutil.move(Path(folder) / "lobe", extensions / "lobe")
         stamp.write_text(content)
     return user
+
+
+def clean() -> None:
+    """Remove the Blender user folders of this checkout, for any version of Blender, and the wheels of all packages."""
+    places = Path(tempfile.gettempdir())
+    for folder in (*places.glob(_named(f"blender-*-{_checkout()}")), *places.glob(_named("wheels"))):
+        print(f"Removing {folder}")
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _checkout() -> str:
+    return hashlib.sha1(str(REPOSITORY).encode()).hexdigest()[:8]
+
+
+def _named(name: str) -> str:
+    """Of a folder of this user's in the temporary one."""
+    return f"lobe-{name}" + (f"-{os.getuid()}" if hasattr(os, "getuid") else "")
 
 
 def build(package: Path, source: Path = REPOSITORY) -> None:
@@ -128,8 +145,7 @@ def private_folder(name: str) -> Path:
 
     The temporary folder is everybody's: what another user has put there under our name must not be run.
     """
-    user = f"-{os.getuid()}" if hasattr(os, "getuid") else ""
-    folder = Path(tempfile.gettempdir()) / f"lobe-{name}{user}"
+    folder = Path(tempfile.gettempdir()) / _named(name)
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
@@ -141,6 +157,19 @@ def private_folder(name: str) -> Path:
         if status.st_mode & 0o077:
             folder.chmod(0o700)
     return folder
+
+
+def check_folder(folder: Path) -> None:
+    """See that files can be written there, or that it can be made: before the work, and without making it, as the work
+    may fail. Raises SetupError."""
+    try:
+        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not there.is_dir():
+            raise SetupError(f"{str(there)!r} is not a folder")
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise SetupError(f"{str(folder)!r} cannot be written to: {error.strerror}") from error
 
 
 def make_folder(folder: Path) -> None:

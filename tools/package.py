@@ -22,10 +22,19 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-try:
-    from tools.lobe_blender import PRODUCT, REPOSITORY, build, make_folder, private_folder, validate
-except ImportError:  # run as a script
-    from lobe_blender import PRODUCT, REPOSITORY, build, make_folder, private_folder, validate  # type: ignore[no-redef]
+REPOSITORY = Path(__file__).resolve().parent.parent
+if str(REPOSITORY) not in sys.path:
+    sys.path.insert(0, str(REPOSITORY))
+
+from tools.lobe_blender import (  # noqa: E402
+    PRODUCT,
+    SetupError,
+    build,
+    check_folder,
+    make_folder,
+    private_folder,
+    validate,
+)
 
 PACKED = ("embreex", "llvmlite", "numba", "OpenImageIO")
 PYTHONS = ("3.11", "3.13")  # of Blender 4.2 to 5.0, and from 5.1 on (Debian's 4.3 has the newer one, too)
@@ -74,7 +83,7 @@ def build_package(output: Path, target: str, pythons: Sequence[str] = PYTHONS, w
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "lobe"
         source.mkdir()
-        for name in (*PRODUCT, "README.md", "LICENSE"):
+        for name in (*PRODUCT, "LICENSE"):
             path = REPOSITORY / name
             if path.is_dir():
                 shutil.copytree(path, source / name, ignore=shutil.ignore_patterns("__pycache__", ".*"))
@@ -117,6 +126,14 @@ def main() -> None:
     parser.add_argument("--python", nargs="+", default=PYTHONS, help=f"default: {' '.join(PYTHONS)}")
     parser.add_argument("--wheels", type=Path, help="folder that keeps downloaded wheels")
     arguments = parser.parse_args()
+    try:
+        check_folder(arguments.output)
+        pack(arguments)
+    except SetupError as error:
+        raise SystemExit(f"package.py: {error}") from error
+
+
+def pack(arguments: argparse.Namespace) -> None:
     for target in arguments.platform:
         print(f"{target}: fetching its wheels where they are not kept yet, then packing them", flush=True)
         package = build_package(arguments.output, target, arguments.python, arguments.wheels)

@@ -1,9 +1,11 @@
 """Render a .blend on the command line, without a Blender program: `python tools/render.py FILE.blend -o OUT.png`.
 
 Standard error carries a progress bar; standard output says which files were written, a line each, and its last line is
-one JSON object: {"engine", "samples", "seconds": {"export", "build", "compile", "render", "total"}, "rays",
-"peak_memory_mb", "skipped", "warnings"}; what Cycles does not tell is null. With --check nothing is rendered: standard
-output lists what Lobe does not draw as asked, counted, and the exit code is 0 if there is nothing and 1 if there is.
+one JSON object: {"engine", "samples", "seconds": {"export", "build", "compile", "render", "denoise", "other", "total"},
+"rays", "peak_memory_mb", "skipped", "warnings"}; what Cycles does not tell is null, and "other" is what Blender does
+beside the phases. With --check nothing is rendered: standard
+output lists what Lobe does not draw as asked, counted, and the exit code is 1 if anything can't be rendered or isn't
+drawn as asked, and 0 if all is drawn as asked, or nearly so.
 What the user can mend is said in one line, with exit code 2. Ctrl-C ends it at once with exit code 130; pictures are
 there whole or not at all.
 """
@@ -15,8 +17,8 @@ import contextlib
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -26,7 +28,7 @@ if str(ROOT) not in sys.path:
 
 from tools import blender_render as br  # noqa: E402
 from tools.interrupt import at_interrupt, end_on_interrupt  # noqa: E402
-from tools.lobe_blender import SetupError, enable_lobe, make_folder  # noqa: E402
+from tools.lobe_blender import SetupError, check_folder, enable_lobe, make_folder  # noqa: E402
 
 WRITERS = (".png", ".exr")
 NOTHING = "Nothing: Lobe draws all of this scene as asked."
@@ -112,10 +114,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
                         "fair settings, Lobe's bounces and filter, and the exact Phong shader")  # fmt: skip
     parser.add_argument("--check", action="store_true",
                         help="render nothing: print what the file holds that Lobe does not draw as asked; exit code 1 "
-                        "if there is any, else 0")  # fmt: skip
+                        "if there is any, 0 if there is none or all of it is drawn nearly as asked")  # fmt: skip
     parser.add_argument("-o", "--output", action="append", default=[], type=output_path, metavar="OUT.png|OUT.exr",
-                        help="may be given again; needed unless --check is")  # fmt: skip
+                        help="may be given again; needed unless --check is. An EXR has the ticked passes too, by the "
+                        "names of Blender's multilayer files")  # fmt: skip
     options = parser.parse_args(arguments)
+    options.output = list({path.resolve(): path for path in options.output}.values())  # each once
     if options.check and options.engine != "LOBE":
         parser.error("--check says what Lobe does not draw: it goes without --engine CYCLES")
     if options.check and options.output:
@@ -130,7 +134,8 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def prepare(options: argparse.Namespace):
-    """Open the file and carry out the options; gives back the scene."""
+    """Open the file and carry out the options; gives back the scene, which can be rendered unless it is only to be
+    checked."""
     scene = br.open_blend(options.file, options.scene)
     if options.frame is not None:
         scene.frame_set(options.frame)
@@ -152,7 +157,19 @@ def prepare(options: argparse.Namespace):
             scene.cycles.seed = options.seed
         for assignment in options.assignments:  # once more: what --set names outranks the fair settings
             br.set_value(scene, assignment)
+    if not options.check:
+        br.check_renderable(scene)
     return scene
+
+
+def show(bar, done: int, total: int) -> None:
+    """So many samples on the bar of tqdm."""
+    if not bar.n:  # from here on it samples: what was before says nothing of the time that is left
+        bar.unpause()
+        bar.initial = done
+    bar.total = total
+    bar.set_postfix_str("", refresh=False)
+    bar.update(max(done - bar.n, 0))
 
 
 def run(options: argparse.Namespace) -> dict:
@@ -163,31 +180,31 @@ def run(options: argparse.Namespace) -> dict:
     with tqdm(total=1, unit=" samples", desc=options.engine.capitalize(), file=sys.stderr) as bar:
         at_interrupt.append(lambda: os.write(2, b"\n"))  # the bar's line ends where it is
 
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.set_postfix_str("", refresh=False)
-            bar.update(max(done - bar.n, 0))
-
-        report = br.render(scene, show, bar.set_postfix_str)
+        report = br.render(scene, partial(show, bar), bar.set_postfix_str)
         bar.set_postfix_str("")
         bar.total = max(int(report["samples"]), 1)
         bar.update(bar.total - bar.n)
     pixels = br.picture(scene, report)
+    report["seconds"]["other"] = other_seconds(report["seconds"])
+    others = br.passes(scene) if any(path.suffix.lower() == ".exr" for path in options.output) else {}
     with whole_files(options.output) as unfinished:
         for path in unfinished:
             if path.suffix.lower() == ".png":
                 br.save_png(scene, path)
             else:
-                br.save_exr(path, pixels, metadata(options, report))
+                br.save_exr(path, pixels, metadata(options, report), others)
     return report
 
 
 @contextlib.contextmanager
 def whole_files(paths: list[Path]) -> Iterator[list[Path]]:
-    """Gives paths to write to, each in the folder of one of `paths`; at the end they get those names, all together.
+    """Gives paths to write to, each in the folder of one of `paths`, which is made where there is none; at the end they
+    get those names, all together.
 
     Whatever ends the block before that leaves what was there as it was.
     """
+    for path in paths:
+        make_folder(path.parent)
     places = [path.resolve() for path in paths]  # a link's target: the link itself stays
     unfinished = [p.with_name(f".{p.stem[:40]}-{os.getpid()}-{i}{p.suffix}") for i, p in enumerate(places)]
 
@@ -203,6 +220,12 @@ def whole_files(paths: list[Path]) -> Iterator[list[Path]]:
             path.replace(place)
     finally:
         remove()
+
+
+def other_seconds(seconds: dict[str, float | None]) -> float:
+    """What no phase accounts for: Blender evaluates the scene and keeps the picture."""
+    told = sum(value or 0.0 for phase, value in seconds.items() if phase != "total")
+    return max((seconds["total"] or 0.0) - told, 0.0)
 
 
 def metadata(options: argparse.Namespace, report: dict) -> dict[str, str | float | int]:
@@ -223,13 +246,11 @@ def check_file(path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Before the time that a render takes: make the folder, and see that a file can be written there."""
+    """Before the time that a render takes: see that a file can be written there."""
     try:
-        make_folder(path.parent)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise br.ToolError(f"{str(path)!r} cannot be written: {str(path.parent)!r}: {error.strerror}") from error
+        check_folder(path.parent)
+    except SetupError as error:
+        raise br.ToolError(f"{str(path)!r} cannot be written: {error}") from error
     if path.is_dir():
         raise br.ToolError(f"{str(path)!r} cannot be written: it is a folder")
 
@@ -244,10 +265,10 @@ def main(arguments: list[str] | None = None) -> int:
             enable_lobe()
             at_interrupt.append(br.remove_temporary_files)
             if options.check:
-                honoured, lines = br.check(prepare(options))
-                said = [NOTHING, *lines[1:]] if honoured else [f"Scene report of {options.file.name}:", *lines]
-                say("\n".join(said))
-                return 0 if honoured else 1
+                checked = br.check(prepare(options))
+                head = NOTHING if checked.is_honoured else f"Scene report of {options.file.name}:\n{checked.lines[0]}"
+                say("\n".join([head, *checked.lines[1:]]))
+                return 0 if checked.is_nearly_honoured else 1
             report = run(options)
         except (br.ToolError, SetupError) as error:
             print(f"render.py: {error}", file=sys.stderr)

@@ -66,6 +66,7 @@ def test_a_platforms_zip(target, empty_wheels, tmp_path) -> None:
     assert len(wheels) == len(PACKED) * len(PYTHONS)
     assert manifest["platforms"] == [target] and sorted(manifest["wheels"]) == [f"./{name}" for name in wheels]
     assert {"__init__.py", "addon/__init__.py", "engine/__init__.py", "LICENSE"} <= set(names)
+    assert "README.md" not in names  # its pictures and links lead to what isn't there
     assert not any(name.startswith(("tests/", "tools/", "docs/", ".")) or "__pycache__" in name for name in names)
 
 
@@ -82,6 +83,16 @@ def test_the_command_says_what_it_is_at(monkeypatch, capsys, tmp_path) -> None:
     monkeypatch.setattr(sys, "argv", ["package.py", "-o", str(tmp_path / "a.zip"), "--platform", *PLATFORMS])
     package.main()
     assert [said.splitlines()[-1].partition(":")[0] for said in said_before] == list(PLATFORMS)
+
+
+def test_a_folder_that_cannot_be_made_is_said_before_the_work(monkeypatch, tmp_path) -> None:
+    file = tmp_path / "file"
+    file.write_text("in the way")
+    monkeypatch.setattr(package, "build_package", lambda *_: pytest.fail("it has begun"))
+    monkeypatch.setattr(sys, "argv", ["package.py", "-o", str(file / "x")])
+    with pytest.raises(SystemExit) as stopped:
+        package.main()
+    assert stopped.value.code == f"package.py: {str(file)!r} is not a folder"
 
 
 def test_blenders_tool_refuses_what_is_wrong(empty_wheels, tmp_path, monkeypatch) -> None:

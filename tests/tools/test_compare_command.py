@@ -30,7 +30,8 @@ def test_what_cannot_be_done_is_said_in_a_line(repository, tmp_path):
     fails(command(repository, SCENE, "-o", tmp_path, "--seconds", "nan"), "nan s does not lie between")
     fails(command(repository, SCENE, "-o", tmp_path, "--seconds", 2, "--samples", 2), "what is equal is one of the two")
     (tmp_path / "file").write_text("in the way")
-    fails(command(repository, SCENE, "-o", tmp_path / "file" / "in"), "cannot be written")
+    fails(command(repository, SCENE, "-o", tmp_path / "file" / "in"), "cannot be written: ")
+    fails(command(repository, SCENE, "-o", tmp_path / "file"), f"{str(tmp_path / 'file')!r} is not a folder")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -75,4 +76,6 @@ def test_no_camera(repository, tmp_path):
         f"bpy.ops.wm.save_as_mainfile(filepath={str(tmp_path / 'empty.blend')!r})"
     )
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
-    fails(command(repository, tmp_path / "empty.blend", "-o", tmp_path / "out"), "the scene has no camera")
+    done = command(repository, tmp_path / "empty.blend", "-o", tmp_path / "out")
+    fails(done, "compare.py: the scene has no camera: add one, or make one the active camera")
+    assert not (tmp_path / "out").exists()

@@ -36,6 +36,16 @@ def test_another_users_folder_is_refused(temporary, monkeypatch):
         lobe_blender.private_folder("a")
 
 
+def test_cleaning_leaves_other_checkouts_alone(temporary, capsys):
+    """Of this one it takes those of all versions of Blender, and the wheels."""
+    own = [lobe_blender.private_folder(f"blender-{v}-{lobe_blender._checkout()}") for v in ("4.2.23", "5.0.1")]
+    wheels, other = lobe_blender.private_folder("wheels"), lobe_blender.private_folder("blender-5.0.1-01234567")
+    (wheels / "a.whl").write_bytes(b"")
+    lobe_blender.clean()
+    assert list(temporary.iterdir()) == [other]
+    assert set(capsys.readouterr().out.splitlines()) == {f"Removing {folder}" for folder in (*own, wheels)}
+
+
 @needs_owners
 def test_a_link_is_refused(temporary):
     (temporary / "elsewhere").mkdir()

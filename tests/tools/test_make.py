@@ -41,6 +41,13 @@ def test_test_gui_names_the_window_to_the_tests(repository: Path, tmp_path: Path
     assert done.returncode == 0 and "told: some blender\n" in done.stdout, done.stdout + done.stderr
 
 
+def test_make_alone_prints_what_there_is(repository: Path) -> None:
+    done = subprocess.run(["make"], cwd=repository, capture_output=True, text=True)
+    lines = [line.split()[:2] for line in done.stdout.splitlines()]
+    assert done.returncode == 0 and ["make", "test"] in lines and ["make", "clean"] in lines
+    assert not any(line.startswith("#") for line in done.stdout.splitlines())
+
+
 @pytest.mark.parametrize(("window", "outcome"), [("", pytest.skip.Exception), ("blender", pytest.fail.Exception)])
 def test_a_window_that_was_named_has_to_be_looked_at(monkeypatch, window, outcome) -> None:
     monkeypatch.setenv("LOBE_BLENDER_WINDOW", window)

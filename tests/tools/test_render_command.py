@@ -12,7 +12,8 @@ import OpenImageIO as oiio
 import pytest
 
 KEYS = {"engine", "samples", "seconds", "rays", "peak_memory_mb", "skipped", "warnings"}
-PHASES = {"export", "build", "compile", "render", "total"}
+PHASES = {"export", "build", "compile", "render", "denoise", "other", "total"}
+NO_CAMERA = "the scene has no camera: add one, or make one the active camera"
 
 
 def command(repository: Path, *arguments: str | Path) -> subprocess.CompletedProcess:
@@ -59,6 +60,19 @@ def test_check(repository, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == before
 
 
+def test_check_of_what_is_drawn_nearly_as_asked(repository, tmp_path):
+    """Blender's own first scene: its Principled BSDF is named in nearly every file."""
+    path = tmp_path / "a.blend"
+    script = (
+        "import bpy; bpy.ops.wm.read_homefile(use_factory_startup=True); "
+        f"bpy.ops.wm.save_as_mainfile(filepath={str(path)!r})"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    done = command(repository, path, "--check")
+    assert done.stdout.splitlines()[:2] == ["Scene report of a.blend:", "Drawn nearly as asked:"]
+    assert done.returncode == 0
+
+
 def test_not_a_blend(repository, tmp_path):
     path = tmp_path / "junk.blend"
     path.write_text("no scene here")
@@ -67,12 +81,17 @@ def test_not_a_blend(repository, tmp_path):
 
 def test_a_folder_that_cannot_be_made_or_written(repository, tmp_path):
     """Said before anything renders."""
-    (tmp_path / "file").write_text("in the way")
+    file = tmp_path / "file"
+    file.write_text("in the way")
     (tmp_path / "folder.png").mkdir()
-    for name in ("file/a.png", "folder.png"):
+    for name, why in (
+        ("file/a.png", f"{str(file)!r} is not a folder"),
+        ("file/new/a.png", f"{str(file)!r} is not a folder"),
+        ("folder.png", "it is a folder"),
+    ):
         path = tmp_path / name
         done = command(repository, "sample_blends/cornell_diffuse.blend", "-o", path)
-        fails(done, f"render.py: {str(path)!r} cannot be written: ")
+        fails(done, f"render.py: {str(path)!r} cannot be written: {why}")
 
 
 def test_a_wrong_setting(repository, tmp_path):
@@ -98,9 +117,11 @@ def test_no_camera(repository, tmp_path):
     )
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
     for engine in ("LOBE", "CYCLES"):
-        done = command(repository, tmp_path / "empty.blend", "--engine", engine, "-o", tmp_path / "a.png")
-        fails(done, "render.py: the render failed: ")
-        assert "camera" in done.stderr.lower()
+        done = command(repository, tmp_path / "empty.blend", "--engine", engine, "-o", tmp_path / "new" / "a.png")
+        fails(done, f"render.py: {NO_CAMERA}")
+    done = command(repository, tmp_path / "empty.blend", "--check")
+    assert done.returncode == 1 and NO_CAMERA in done.stdout
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("engine", ["LOBE", "CYCLES"])
@@ -116,7 +137,10 @@ def test_pictures_and_report(repository, tmp_path, engine):
     report = json.loads(last)
     assert set(report) == KEYS and set(report["seconds"]) == PHASES
     assert report["engine"] == engine and report["samples"] == 4 and report["peak_memory_mb"] > 100
-    assert report["seconds"]["total"] > 0 and report["seconds"]["render"] is not None
+    seconds = report["seconds"]
+    assert seconds["total"] > 0 and seconds["render"] is not None
+    named = sum(value or 0.0 for phase, value in seconds.items() if phase != "total")
+    assert named == pytest.approx(seconds["total"], abs=0.02)  # Cycles tells hundredths
     assert "4/4" in done.stderr  # the progress bar
 
     buffer = oiio.ImageBuf(str(exr))
@@ -145,3 +169,25 @@ def test_as_is_keeps_the_files_cycles_settings(repository, tmp_path):
     done = command(repository, path, "--engine", "CYCLES", "--as-is", "--resolution", "8x8", "-o", tmp_path / "a.png")
     assert json.loads(done.stdout.splitlines()[-1])["samples"] == 3
     assert "Made the folder" not in done.stderr
+
+
+def test_an_exr_has_the_passes_that_are_ticked(repository, tmp_path):
+    path, exr = tmp_path / "a.blend", tmp_path / "a.exr"
+    script = (
+        f"import bpy; bpy.ops.wm.open_mainfile(filepath={str(repository / 'sample_blends/cornell_diffuse.blend')!r}); "
+        "layer = bpy.context.scene.view_layers[0]; layer.use_pass_z = layer.use_pass_normal = True; "
+        f"bpy.ops.wm.save_as_mainfile(filepath={str(path)!r})"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    done = command(repository, path, "--samples", 2, "--resolution", "8x6", "-o", exr)
+    assert done.returncode == 0, done.stderr
+    buffer = oiio.ImageBuf(str(exr))
+    names, pixels = list(buffer.spec().channelnames), buffer.get_pixels(oiio.FLOAT)
+    assert names[:4] == ["R", "G", "B", "A"] and (buffer.spec().width, buffer.spec().height) == (8, 6)
+    channels = {name.partition(".")[2]: pixels[..., i] for i, name in enumerate(names[4:], 4)}
+    combined = [f"Combined.{channel}" for channel in "RGBA"]
+    assert set(channels) == {*combined, "Depth.Z", "Normal.X", "Normal.Y", "Normal.Z"}
+    assert np.array_equal(np.dstack([channels[name] for name in combined]), pixels[..., :4])
+    assert 1 < np.median(channels["Depth.Z"]) < 100
+    normals = np.dstack([channels[f"Normal.{axis}"] for axis in "XYZ"])
+    assert np.linalg.norm(normals[3, 4]) == pytest.approx(1.0, abs=0.1)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+import io
 
+import pytest
+from tqdm import tqdm
+
+from tests import little_memory
 from tools import blender_render as br
 from tools import render
 from tools.lobe_blender import enable_lobe
@@ -56,6 +60,37 @@ def test_check_or_render(arguments, message, capsys):
     assert stopped.value.code == 2
     assert message in capsys.readouterr().err
     assert render.parse(["scene.blend", "--check"]).output == []
+
+
+def test_a_picture_that_is_named_twice_is_written_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = render.parse(["scene.blend", "-o", "a.exr", "-o", "a.png", "-o", str(tmp_path / "a.exr")])
+    assert [path.name for path in options.output] == ["a.exr", "a.png"]
+
+
+def test_more_pixels_than_there_is_memory_for_are_refused(scene, monkeypatch):
+    from bl_ext.user_default.lobe.engine import memory
+
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    br.set_resolution(scene, 65536, 65536)
+    little_memory.leave(monkeypatch, memory, 1e9)
+    with pytest.raises(br.ToolError) as error:
+        br.check_renderable(scene)
+    assert "for 65536 x 65536 pixels, and 1.0 GB can be had" in str(error.value)
+    scene.render.use_border, scene.render.border_max_x, scene.render.border_max_y = True, 0.01, 0.01
+    br.check_renderable(scene)
+
+
+def test_the_time_left_is_reckoned_from_the_first_samples_on():
+    """Not from the compilation before them."""
+    bar = tqdm(total=1, file=io.StringIO())
+    bar.start_t -= 1e6
+    bar.last_print_t -= 1e6
+    render.show(bar, 4, 64)
+    assert bar.format_dict["elapsed"] < 1e5
+    assert (bar.n, bar.initial, bar.total) == (4, 4, 64)  # those four took no time that is known
+    render.show(bar, 8, 64)
+    assert (bar.n, bar.initial) == (8, 4)
 
 
 def test_accepted_arguments():
