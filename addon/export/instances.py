@@ -30,8 +30,8 @@ UNSUPPORTED_TYPES = {
     "CURVES": "hair curves",
     "POINTCLOUD": "point clouds",
     "VOLUME": "volumes",
-    "GPENCIL": "grease pencil",
-    "GREASEPENCIL": "grease pencil",
+    "GPENCIL": "Grease Pencil objects",
+    "GREASEPENCIL": "Grease Pencil objects",
 }
 
 VISIBILITY = (

@@ -13,6 +13,7 @@ from .notes import Notes
 from .settings import property_group
 
 CYCLES_BOUNCES = 1024  # Cycles' own limit of a lamp's or world's bounces, and its default: none
+CYCLES_TRANSPARENT = 8  # Cycles' default limit of transparent surfaces, below which a file means it
 CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; the engine's is 0
 CAUSTICS = "shadow caustics are not supported and left out"
 OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as the scene's bounces go"
@@ -153,6 +154,9 @@ def note_cycles_scene(scene, notes: Notes) -> None:
         return
     if not (cycles.caustics_reflective and cycles.caustics_refractive):
         notes.warn_scene("Cycles' caustics are switched off, which is not supported: light that mirrors throw is drawn")
+    if cycles.transparent_max_bounces < CYCLES_TRANSPARENT:
+        limit = f"Cycles' limit of {cycles.transparent_max_bounces} transparent bounces"
+        notes.warn_scene(f"{limit} is not supported: light passes through more transparent surfaces than that")
     if cycles.use_fast_gi:
         notes.warn_scene("Cycles' Fast Global Illumination is not supported: all bounces are traced")
     if scene.render.film_transparent and cycles.film_transparent_glass:
