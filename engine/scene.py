@@ -40,7 +40,7 @@ class Mesh:
     triangles       (T, 3) uint32, indices into `vertices`
     normals         (N, 3) float32, unit shading normals, object space; None: every face is flat
     normal_indices  (T, 3) uint32, indices into `normals`; None: the same as `triangles`
-    material_slots  (T,) int32, slot of each triangle, see `Instances.material_slots`; None: all slot 0
+    material_slots  (T,) int32, slot of each triangle, see `Instances.material_offset`; None: all slot 0
     uvs             (T, 3, 2) float32, texture coordinates of each triangle's corners, for the pass; None: it has none
     """
 

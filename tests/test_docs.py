@@ -6,9 +6,11 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import common
+from benchmarks.convergence import plan
 from benchmarks.convergence import tables as bench_tables
 from engine import CHOICES, PASSES, Settings
 
@@ -101,6 +103,28 @@ def test_the_materials_page_names_every_node() -> None:
     nodes -= {"ShaderNodeOutput", "ShaderNodeOutputMaterial", "ShaderNodeOutputWorld"}
     page = read(REPOSITORY / "docs" / "materials.md")
     assert sorted(node for node in nodes if f"`{node}`" not in page) == []
+
+
+def examples(page: Path) -> list[str]:
+    """The Python of a page."""
+    return re.findall(r"^```python\n(.*?)^```", read(page), re.MULTILINE | re.DOTALL)
+
+
+def test_the_engines_example_makes_a_picture() -> None:
+    (example,) = examples(REPOSITORY / "docs" / "design.md")
+    names: dict = {}
+    exec(example, names)
+    picture = names["picture"]
+    assert picture.shape == (64, 64, 4) and not names["result"].warnings
+    row, column = np.unravel_index(picture[..., 0].argmax(), (64, 64))
+    assert row > 32 and column > 32  # below the lamp, up and to the right
+    red, green, blue = picture[row, column, :3]
+    assert (green / red, blue / red) == pytest.approx((5 / 8, 3 / 8), rel=1e-3)
+
+
+def test_the_table_of_the_readme_is_of_the_size_that_it_says() -> None:
+    usual = plan.Settings(Path())
+    assert "Pictures of {}x{} pixels on two threads".format(*usual.resolution) in read(README) and usual.threads == 2
 
 
 def test_pictures_are_small() -> None:
