@@ -18,10 +18,13 @@ _INT_MAX = (1 << 31) - 1
 _FLOAT_MAX = 3.4e38  # FloatProperty holds a float32
 
 # Value of an enum -> what the menu shows, and its tooltip.
-# "About twice the noise" is measured by the trial "uniform directions for diffuse" of benchmarks/trials.py.
+# "More noise in most scenes": the trial "uniform directions for diffuse" of benchmarks/results/trials.md.
 _CHOICES_TEXT = {
     "COSINE": ("Cosine", "Draw diffuse directions in proportion to the cosine. The least noise: leave it here"),
-    "UNIFORM": ("Uniform", "Draw diffuse directions evenly over the hemisphere. About twice the noise; for teaching"),
+    "UNIFORM": (
+        "Uniform",
+        "Draw diffuse directions evenly over the hemisphere. More noise in most scenes; for teaching",
+    ),
     "REJECTION": (
         "Rejection",
         "Draw points in a cube until one lies in the half ball, 12/pi draws on average, then use its direction. "
@@ -34,7 +37,7 @@ _CHOICES_TEXT = {
     "COMPILED": ("Compiled", "Compiled kernels on all threads. Use this"),
     "REFERENCE": (
         "Reference",
-        "The same algorithm in plain numpy at double precision: some hundred times slower, to check the other one",
+        "The same algorithm in plain numpy at double precision: tens of times slower, to check the other one",
     ),
 }
 
@@ -82,7 +85,8 @@ class LobeSettings(bpy.types.PropertyGroup):
     use_adaptive_sampling: BoolProperty(
         name="Use Adaptive Sampling",
         description="Stop pixels whose noise is below the threshold, which saves time where large parts of the picture "
-        "are simple; no pixel stops before 32 samples. It is slightly biased: not for measurements",
+        "are far less noisy than the rest; no pixel stops before 32 samples. It is slightly biased: not for "
+        "measurements",
         default=_DEFAULTS.use_adaptive_sampling,
     )
     adaptive_threshold: FloatProperty(

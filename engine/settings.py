@@ -20,7 +20,7 @@ class Settings:
     """Defaults are the add-on's defaults. `threads` 0: one for each of the `usable_processors`.
 
     time_limit          seconds, 0: none
-    adaptive_threshold  the error at which a pixel stops, relative to its brightness
+    adaptive_threshold  the error at which a pixel stops, relative to the square root of its brightness
     max_bounces         of a path, on surfaces after the first; diffuse_bounces and glossy_bounces by kind of lobe
     clamp_direct, clamp_indirect  limit of a single contribution (sum of its channels / 3); 0: no limit
     filter_width        pixels, of the Blackman-Harris filter; the box is always one pixel wide
