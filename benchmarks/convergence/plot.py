@@ -83,10 +83,10 @@ def statement(outcome: Outcome, error: str) -> str:
     """What the panel shows, in words; empty when there are not two curves that reach the same errors."""
     if set(outcome.levels) != set(COLORS):
         return ""
-    levels = [outcome.levels[engine] for engine in COLORS]
-    if error == "whole" and (not_falling := tables.judged_by(*levels)[1]):
+    lobe, cycles = (outcome.levels[engine] for engine in COLORS)
+    if error == "whole" and (not_falling := tables.judged_by(lobe, cycles)[1]):
         return f"a matter of bright pixels: errors that do not fall, {not_falling}"
-    ratios, _ = tables.ratios_and_range(*levels)
+    ratios, _ = tables.ratios_and_range(lobe, cycles)
     median, low, high = ratios[tables.RATIO if error == "whole" else tables.TRIMMED_RATIO]
     if not math.isfinite(median):
         return "too few levels for a ratio of times"
