@@ -36,6 +36,7 @@ UNREADABLE = "cannot be read: its file is damaged or of an unknown format"
 TOO_LARGE = "needs more memory than can be had (as a file of its own it would need little)"
 # Alpha modes that leave the colour alone.
 APART = ("NONE", "CHANNEL_PACKED")
+PAINTED = ("painted",)  # the `version` of pixels that are in no file: nothing tells them from those painted next
 STRIP = 1 << 20  # pixels
 OF_COLOR = 12  # bytes a pixel of (H, W, 3) float32
 
@@ -119,17 +120,24 @@ class Images:
         return f"image {node.image.name!r} {self._problems.get(self._key(node), 'has no pixels')}"
 
     def _key(self, node) -> tuple:
+        """Another one when the pixels are others, but for those of images that somebody paints."""
         if node.image is None:
             return 0, 0
         self._moving |= node.image.source in MOVING
-        return uid_of(node.image), node.image_user.frame_current
+        return uid_of(node.image), node.image_user.frame_current, version(node.image, node.image_user)
+
+    def forget_painted(self) -> None:
+        """What was painted may look otherwise by now."""
+        for known in (self._environments, self._averages, self._environment_averages):
+            for key in [key for key in known if PAINTED in key]:
+                del known[key]
 
     def _read(self, node, of_file: Callable, of_datablock: Callable) -> np.ndarray | None:
         """What these make of a node's image: of_file(image, path) of its file, which may raise Unreadable, and
         of_datablock(image) of what Blender has."""
         self._stop.check()
         image = node.image
-        from_file = image.source in FILES and not image.packed_files
+        from_file = is_read_from_file(image)
         if image.source == "TILED" and len(image.tiles) > 1:
             self._notes.warn("image", image.name, "UDIM tiles are not supported, only the first is read")
         path = image_path(image, node.image_user) if from_file else ""
@@ -219,6 +227,25 @@ class Images:
             self._notes.warn("image", image.name, f"colour space '{space}' is not supported, read as sRGB")
             return srgb_to_linear(color)
         return converted
+
+
+def is_read_from_file(image) -> bool:
+    return image.source in FILES and not image.packed_files
+
+
+def version(image, user=None) -> tuple:
+    """Of an image's pixels, to be compared: Blender doesn't list every image whose file it has read again, and none
+    that a script has written pixels into."""
+    image = image.original
+    if is_read_from_file(image):
+        try:
+            status = os.stat(image_path(image, user))
+        except (OSError, ValueError):
+            return ()
+        return status.st_mtime_ns, status.st_size
+    if image.is_dirty:
+        return PAINTED
+    return tuple(packed.packed_file.size for packed in image.packed_files if packed.packed_file is not None)
 
 
 def file_problem(path: str) -> str:

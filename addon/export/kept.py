@@ -8,12 +8,13 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import NamedTuple
 
+import bpy
 import numpy as np
 
 from ...engine import Instances, Lamp, Prepared, Scene, World
 from .changes import Changes, changes_of, uid_of
 from .faults import naming
-from .images import Images
+from .images import PAINTED, Images, version
 from .kept_meshes import KeptMeshes
 from .materials.material import Exported, MaterialTable
 from .notes import Note, Notes
@@ -94,16 +95,21 @@ class KeptLayers:
 
     def __init__(self) -> None:
         self._layers: dict[tuple[int, str], Kept] = {}
+        self._images: dict[int, tuple] = {}  # by `uid_of`, the `version` of each
 
     def of(self, depsgraph) -> Kept:
         """Of the one that is about to be exported: a new one unless its last export came to its end."""
         scene = depsgraph.scene
         there = {(uid_of(scene), layer.name) for layer in scene.view_layers}
         self._layers = {key: kept for key, kept in self._layers.items() if key in there}
+        shown = (image for image in bpy.data.images if image.source != "VIEWER")  # nodes don't show Blender's renders
+        images, self._images = self._images, {uid_of(image): version(image) for image in shown}
         if self._layers:
             changes = changes_of(depsgraph.updates)
+            changes.nodes |= images != self._images or PAINTED in images.values()
             for kept in self._layers.values():  # Blender has one graph for all of them, and says each change once
                 kept.hear(changes)
+                kept.images.forget_painted()
         return self._layers.pop((uid_of(scene), depsgraph.view_layer.name), None) or Kept()
 
     def keep(self, depsgraph, kept: Kept) -> None:

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import bpy
@@ -310,6 +311,60 @@ def test_edits_between_renders_are_seen(scene, rendering) -> None:
         bpy.ops.render.render()
         assert np.array_equal(rendering.pictures[-1], kept_pictures[-1])
         scene.render.use_persistent_data = True
+
+
+def write_image(path: Path, color) -> None:
+    image = bpy.data.images.new("Written", 2, 2)
+    image.pixels = [*color, 1.0] * 4
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+
+
+@pytest.mark.parametrize("of_world", [False, True])
+def test_pixels_that_change_between_renders_are_seen(scene, rendering, tmp_path, of_world: bool) -> None:
+    """Blender lists no image for any of these."""
+    textures = []
+    for number in range(2):
+        tree = (scene.world if of_world else bpy.data.materials[f"Paint {number}"]).node_tree
+        textures.append(tree.nodes.new("ShaderNodeTexEnvironment" if of_world else "ShaderNodeTexImage"))
+        node = tree.nodes["Background" if of_world else "Diffuse BSDF"]
+        tree.links.new(textures[-1].outputs["Color"], node.inputs["Strength" if of_world and number else "Color"])
+
+    def pictures(persistent: bool) -> list[np.ndarray]:
+        path = tmp_path / f"{persistent}.png"
+        write_image(path, (1, 0, 0))
+        painted, read = bpy.data.images.new("Painted", 8, 8), bpy.data.images.load(str(path))
+        for texture, image in zip(textures, (painted, read), strict=True):
+            texture.image = image
+
+        def paint(*color: float) -> None:
+            painted.pixels = [*color, 1.0] * 64
+
+        def paint_and_pack() -> None:
+            painted.pixels.foreach_set(np.random.default_rng(0).random(256, np.float32))
+            painted.pack()
+
+        def rewrite(*color: float) -> None:
+            write_image(path, color)
+            read.reload()
+
+        scene.render.use_persistent_data = persistent
+        rendering.pictures.clear()
+        rendering.exported.clear()
+        for edit in (
+            lambda: None, lambda: paint(0, 1, 0), lambda: paint(0, 0, 1), lambda: rewrite(0, 1, 0), painted.pack,
+            paint_and_pack, lambda: write_image(path, (0.5, 0.5, 1)),
+        ):  # fmt: skip
+            edit()
+            bpy.ops.render.render()
+        return list(rendering.pictures)
+
+    plain = pictures(False)
+    same = [np.array_equal(a, b) for a, b in zip(plain, pictures(True), strict=True)]
+    assert same == [True] * len(plain)
+    assert [meshes for meshes, _, _ in rendering.exported[1:]] == [0] * (len(plain) - 1)  # the rest is kept
+    assert sum(not np.array_equal(a, b) for a, b in pairwise(plain)) >= 4
 
 
 def test_scenes_in_turn_do_not_see_each_other(scene, rendering) -> None:

@@ -215,6 +215,32 @@ def test_a_surface_with_an_image_sequence(viewport, tmp_path):
         walks(viewport, color(1, frame / 10), color(1, frame / 20))
 
 
+def write_image(path, *color: float) -> None:
+    image = bpy.data.images.new("Written", 2, 2)
+    image.pixels = [*color, 1.0] * 4
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+
+
+def test_an_image_that_is_read_again(viewport, tmp_path):
+    """Blender lists the material and its tree, without the image."""
+    path = tmp_path / "read.png"
+    write_image(path, 1, 0, 0)
+    tree = bpy.data.materials["Paint 0"].node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.load(str(path))
+    viewport.after(lambda: tree.links.new(texture.outputs["Color"], paint(0)["Base Color"]))
+    before = viewport.scene.materials
+
+    def read_again() -> None:
+        write_image(path, 0, 1, 0)
+        texture.image.reload()
+
+    scene, exported = viewport.after(read_again)
+    assert exported == (0, 1, 0) and scene.materials != before
+
+
 def test_a_scene_without_surfaces(viewport):
     for object_ in [o for o in bpy.data.objects if o.type == "MESH"]:
         bpy.data.objects.remove(object_)
