@@ -84,7 +84,7 @@ def test_what_is_exported_again(seen) -> None:
     """How often all objects are walked: looking around is none of their business."""
     walks = seen["exports"]
     assert [name for name in walks if not walks[name]] == [
-        "moved", "samples", "camera", "frame", "orthographic", "resized"
+        "moved", "lamp", "samples", "camera", "frame", "orthographic", "resized"
     ]  # fmt: skip
 
 
