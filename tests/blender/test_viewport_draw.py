@@ -29,7 +29,7 @@ class Shown:
     """
 
     def __init__(self) -> None:
-        self.viewport = None
+        self.viewport = self.ends_viewport = None
         self.redraws = 0
         self.pictures: list = []
         self.messages: list[str] = []

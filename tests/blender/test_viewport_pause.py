@@ -20,7 +20,7 @@ class Engine:
     """What Blender keeps for a 3D viewport; counts the redraws that it is asked for."""
 
     def __init__(self) -> None:
-        self.viewport = None
+        self.viewport = self.ends_viewport = None
         self.redraws = 0
 
     def tag_redraw(self) -> None:
