@@ -73,6 +73,8 @@ def _add(changes: Changes, update) -> None:
             pass
         case bpy.types.Camera() | bpy.types.ShaderNodeTree():
             pass  # the view is looked at whenever it is drawn, and the trees by `changes_of`
+        case bpy.types.CompositorNodeTree():
+            pass  # Blender draws it over the picture
         case bpy.types.Material() as material:
             changes.materials[uid_of(material)] = material
         case bpy.types.World():

@@ -327,6 +327,12 @@ SCENE_EDITS = {
     "no surfaces": set_value(layer, use_solid=False), "surfaces": set_value(layer, use_solid=True),
     "override": lambda: setattr(layer(), "material_override", bpy.data.materials["Paint 1"]),
     "no override": set_value(layer, material_override=None),
+    "no inner objects": lambda: setattr(bpy.data.collections["Inner"], "hide_viewport", True),
+    "inner objects": lambda: setattr(bpy.data.collections["Inner"], "hide_viewport", False),
+    "an inner object less": lambda: setattr(bpy.data.objects["Inner cube"], "hide_viewport", True),
+    "an inner object more": lambda: setattr(bpy.data.objects["Inner cube"], "hide_viewport", False),
+    "offset": lambda: setattr(bpy.data.collections["Apart"], "instance_offset", (0, 0, 1)),
+    "no offset": lambda: setattr(bpy.data.collections["Apart"], "instance_offset", (0, 0, 0)),
     "simplified": lambda: setattr(bpy.context.scene.render, "use_simplify", True),
     "not simplified": lambda: setattr(bpy.context.scene.render, "use_simplify", False),
     "swapped": lambda: (cube().hide_set(True), bpy.data.objects["Twin"].hide_set(False)),
@@ -349,7 +355,8 @@ OBJECT_EDITS = {
 
 @pytest.fixture
 def in_collections(viewport) -> Viewport:
-    """The second cube is in a collection of its own, and instanced with a lamp; the first has a subdivision."""
+    """The second cube is in a collection of its own, and instanced with a lamp; the first has a subdivision. A collection
+    in a collection is there as an instance alone."""
     second = bpy.data.collections.new("Second")
     bpy.context.scene.collection.children.link(second)
     second.objects.link(bpy.data.objects["Cube.001"])
@@ -359,6 +366,11 @@ def in_collections(viewport) -> Viewport:
     second.objects.link(instanced)
     empty = add_object("Empty", None, (0, 0, 4))
     empty.instance_type, empty.instance_collection = "COLLECTION", second
+    apart, inner = bpy.data.collections.new("Apart"), bpy.data.collections.new("Inner")
+    apart.children.link(inner)
+    inner.objects.link(bpy.data.objects.new("Inner cube", cube().data))
+    apart_here = add_object("Apart here", None, (0, 0, -4))
+    apart_here.instance_type, apart_here.instance_collection = "COLLECTION", apart
     cube().modifiers.new("Smooth", "SUBSURF").levels = 2
     bpy.context.view_layer.update()
     return viewport
@@ -371,6 +383,18 @@ def test_what_leaves_objects_alone(in_collections, name):
         lamp().type = type_
         bpy.context.view_layer.update()
         assert walks(in_collections, (LAMP_EDITS | VIEW_EDITS)[name]) == 0
+
+
+def test_the_compositor_leaves_objects_alone(viewport):
+    scene = bpy.context.scene
+    if bpy.app.version < (5, 0):
+        scene.use_nodes = True
+        tree = scene.node_tree
+    else:
+        tree = scene.compositing_node_group = bpy.data.node_groups.new("Compositor", "CompositorNodeTree")
+    blur = tree.nodes.new("CompositorNodeBlur")
+    bpy.context.view_layer.update()
+    assert walks(viewport, lambda: setattr(blur, "mute", True), lambda: tree.nodes.remove(blur)) == 0
 
 
 def test_a_lamp_with_nodes(viewport):

@@ -132,6 +132,23 @@ def hole() -> Scene:
     return scene
 
 
+def cut(**planes: float) -> Scene:
+    """Lamps of all sizes, of which the camera's near or far plane leaves a part."""
+    scene = scenes.lamp_room(["sphere", "soft", "spot_sphere", "area", "ellipse"], SIZE)
+    scene.camera = replace(scene.camera, **planes)
+    return scene
+
+
+def hole_before_lamps() -> Scene:
+    """A hole that half passes light hangs before one half of a lamp of each shape."""
+    scene = scenes.lamp_room(["sphere", "area"], SIZE)
+    scene.lights[1].transform[:] = scenes.place((0.9, 0.2, 1.2), towards=(0.0, -1.0, 0.2))
+    scene.materials.append(Material("hole", holdout=True, transparency=(0.5, 0.3, 0.0)))
+    scene.add_instance(scenes.quad_mesh((0.3, -1.5, 0.5), (0.5, 0, 0), (0, 0, 2)), materials=(2,))
+    scene.transparent_film = True
+    return scene
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "cornell": lambda: scenes.cornell(SIZE),
     "phong plates": lambda: scenes.phong_plates(SIZE),
@@ -155,6 +172,9 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "sphere and disk in one": lambda: coincident({}, {}, kinds=("soft", "sphere")),
     "pane hidden from shadow rays": lambda: pane(Visibility.ALL & ~Visibility.SHADOW),
     "a hole": hole,
+    "a hole before lamps": hole_before_lamps,
+    "lamps across the near plane": lambda: cut(clip_start=3.97),
+    "lamps across the far plane": lambda: cut(clip_end=3.97),
     "pane for shadow rays only": lambda: pane(Visibility.SHADOW),
     **{kind: lambda kind=kind: scenes.lamp_room([kind], SIZE) for kind in scenes.LAMP_KINDS},
 }
@@ -173,15 +193,22 @@ LAMPS = (
     "lamps in the plane of a ceiling",
     "a sheet inside a soft lamp",
     "pane hidden from shadow rays",
+    "a hole before lamps",
+    "lamps across the near plane",
+    "lamps across the far plane",
 )
+# How many round and flat lamps may be listed: the others are Embree's.
+LISTS = {"neither": (0, 0), "flat ones alone": (0, 16), "round ones alone": (128, 0)}
 
 
+@pytest.mark.parametrize("lists", LISTS)
 @pytest.mark.parametrize("name", LAMPS)
-def test_lamps_in_the_list_are_met_as_those_in_embree_s_scene(name, monkeypatch):
+def test_lamps_in_the_list_are_met_as_those_in_embree_s_scene(name, lists, monkeypatch):
     scene = SCENES[name]()
     listed = pictures(scene, road="COMPILED")
-    monkeypatch.setattr(lamps, "MOST_LISTED_ROUND", 0)
-    monkeypatch.setattr(lamps, "MOST_LISTED_FLAT", 0)
+    most_round, most_flat = LISTS[lists]
+    monkeypatch.setattr(lamps, "MOST_LISTED_ROUND", most_round)
+    monkeypatch.setattr(lamps, "MOST_LISTED_FLAT", most_flat)
     traced = pictures(scene, road="COMPILED")
     assert_agree(listed, traced)
     if name != "a sheet inside a soft lamp":  # from within a soft lamp only listed ones share their light with rays
