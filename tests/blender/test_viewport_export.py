@@ -355,8 +355,8 @@ OBJECT_EDITS = {
 
 @pytest.fixture
 def in_collections(viewport) -> Viewport:
-    """The second cube is in a collection of its own, and instanced with a lamp; the first has a subdivision. A collection
-    in a collection is there as an instance alone."""
+    """The second cube is in a collection of its own, and instanced with a lamp; the first has a subdivision. One more
+    collection, with another in it, is there as an instance alone."""
     second = bpy.data.collections.new("Second")
     bpy.context.scene.collection.children.link(second)
     second.objects.link(bpy.data.objects["Cube.001"])
