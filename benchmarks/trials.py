@@ -1,19 +1,26 @@
 """What each technique brings: Lobe beside itself without it, `python benchmarks/trials.py [NAME...]`.
 
-A trial is an edit of a copy of the engine, or another setting. Both copies render the sample scenes in turn, each in a
-process of its own, from the same seeds. What counts is relMSE times the seconds of the render phase: above 1, the
-engine is better as it is. Writes trials.csv and trials.md to benchmarks/results/, and the list of what was tried into
-benchmarks/README.md.
+A trial is an edit of a copy of the engine, or another setting. The engine as it is and the trial's render a sample
+scene in turn, from the same seeds, each in a process that is new for each scene. What counts is relMSE times the
+seconds of the render phase: above 1, the engine is better as it is. Writes trials.csv and trials.md to
+benchmarks/results/, and the list of what was tried into benchmarks/README.md.
 
 Seconds are the median of pairs, relMSE is the mean over the seeds, without the reference's own. Standard errors are by
 the bootstrap over the seeds, of the very ratio that is reported. What differs from process to process and not from
-render to render, as where memory happens to lie, is seen by the trial without any edit.
+render to render, as where memory happens to lie, is seen by the trial without any edit; as no two scenes of a trial
+share a process, a mean over the scenes has it once for each of them, by chance of its own.
+
+What has been measured is kept in out/trials/, by scene and trial: after an interruption the same command goes on where
+it was, and later runs measure what is new to this engine, processor and these options. Exit code 0; 2 for what the user
+can mend, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
+import inspect
 import json
 import math
 import os
@@ -22,7 +29,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -55,12 +63,12 @@ FIREFLIES = 0.5  # share of the relMSE in a thousandth of the pixels from which 
 WORKER = Path(__file__).resolve().parent / "trial_worker.py"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """name: what stands in the technique's place.  edits: (file, text, other text); every occurrence is replaced, and
     there has to be one.  tried: the technique.  kept: the engine has it, and the trial is without it; otherwise the
     other way round.  price: what it takes, other than seconds.  settings: other ones.  samples: of both, where the
-    usual number is too few."""
+    usual number is too few; half as many pairs then have to do, as long renders scatter less."""
 
     name: str
     tried: str
@@ -69,6 +77,9 @@ class Trial:
     edits: Sequence[tuple[str, str, str]] = ()
     settings: dict = field(default_factory=dict)
     samples: int | None = None
+
+    def pairs(self, seeds: int) -> int:
+        return seeds if self.samples is None else max(2, seeds // 2)
 
 
 def bytes_of_tree(emitters: int = 1000) -> str:
@@ -397,30 +408,32 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
 )
 
 
-class Copy:
-    """A copy of the engine with a trial's edits, and a process that renders with it."""
+class Worker:
+    """A process that renders with the engine in a folder."""
 
-    def __init__(self, folder: Path, trial: Trial | None):
-        self.folder = folder
-        edited(folder, trial)
+    def __init__(self, engine: Path):
+        self._exchange = tempfile.TemporaryDirectory()
         self.process = subprocess.Popen(
-            [sys.executable, str(WORKER)], cwd=folder, env={**os.environ, "LOBE_CACHE_DIR": str(folder)}, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, str(WORKER), self._exchange.name], cwd=engine,
+            env={**os.environ, "LOBE_CACHE_DIR": str(engine)}, text=True, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, start_new_session=True,
         )  # fmt: skip
 
     def load(self, scene: Scene) -> None:
-        (self.folder / "scene").write_bytes(pickle.dumps(scene))
+        Path(self._exchange.name, "scene").write_bytes(pickle.dumps(scene))
         self._ask({"load": True})
 
     def render(self, settings: dict) -> tuple[np.ndarray, float]:
         """(picture (h, w, 3), seconds of the render phase)."""
         seconds = self._ask({"settings": settings})
-        return np.load(self.folder / "picture.npy")[..., :3], seconds
+        return np.load(Path(self._exchange.name, "picture.npy"))[..., :3], seconds
 
     def close(self) -> None:
-        assert self.process.stdin is not None
+        assert self.process.stdin is not None and self.process.stdout is not None
         self.process.stdin.close()
         self.process.wait()
+        self.process.stdout.close()
+        self._exchange.cleanup()
 
     def _ask(self, question: dict) -> float:
         assert self.process.stdin is not None and self.process.stdout is not None
@@ -467,18 +480,30 @@ SECONDS, WHOLE, TRIMMED = 0, 1, 2
 WHOLE_COST, TRIMMED_COST = 3, 4
 
 
-def compare(usual: Copy, other: Copy, trial: Trial, reference: Reference, options) -> tuple[np.ndarray, np.ndarray]:
-    """Renders in turn, from the same seeds; the first of each compiles. Of the engine as it is and of the trial, arrays
-    (3, seeds): seconds, relMSE and relMSE without the worst pixels."""
-    measured: dict[Copy, list[tuple[float, float, float]]] = {usual: [], other: []}
-    base = {"samples": trial.samples or options.samples, "threads": options.threads, "pixel_filter": "BOX"}
-    for run in range(options.seeds + 1):
-        for copy in (usual, other) if run % 2 else (other, usual):
-            extra = trial.settings if copy is other else {}
-            picture, taken = copy.render({**base, "seed": run, **extra})
-            if run:
-                measured[copy].append((taken, *reference.errors(picture)))
+def compare(
+    engines: tuple[Path, Path], trial: Trial, scene: Scene, reference: Reference, options
+) -> tuple[np.ndarray, np.ndarray]:
+    """Renders in turn, from the same seeds, after one of each that warms up. Of the engine as it is and of the trial,
+    arrays (3, seeds): seconds, relMSE and relMSE without the worst pixels."""
+    samples = trial.samples or options.samples
+    with contextlib.ExitStack() as stack:  # both start at once
+        usual, other = (stack.enter_context(contextlib.closing(Worker(engine))) for engine in engines)
+        measured: dict[Worker, list[tuple[float, float, float]]] = {usual: [], other: []}
+        for worker in measured:
+            worker.load(scene)
+            worker.render(settings_of(trial if worker is other else None, max(1, samples // 8), options, seed=0))
+        for run in range(1, trial.pairs(options.seeds) + 1):
+            for worker in (usual, other) if run % 2 else (other, usual):
+                settings = settings_of(trial if worker is other else None, samples, options, seed=run)
+                picture, taken = worker.render(settings)
+                measured[worker].append((taken, *reference.errors(picture)))
     return np.array(measured[usual]).T, np.array(measured[other]).T
+
+
+def settings_of(trial: Trial | None, samples: int, options, seed: int) -> dict:
+    """None: of the engine as it is."""
+    usual = {"samples": samples, "threads": options.threads, "pixel_filter": "BOX", "seed": seed}
+    return usual | (trial.settings if trial else {})
 
 
 def log_ratios(usual: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -497,26 +522,96 @@ def standard_errors(usual: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.std(drawn, axis=0) * math.sqrt(n / (n - 1))
 
 
-def measure(trial: Trial, scenes: dict[str, Scene], references: dict[str, Reference], usual: Copy, options) -> list:
-    """The rows of a trial, one for each scene."""
-    found = []
-    with tempfile.TemporaryDirectory() as folder, contextlib.closing(Copy(Path(folder), trial)) as other:
-        for name, scene in scenes.items():
-            usual.load(scene)
-            other.load(scene)
-            found.append(row(trial, name, *compare(usual, other, trial, references[name], options)))
-    return found
+class Measuring:
+    """Rows of trials, which are measured unless an earlier run has left their figures."""
+
+    def __init__(self, scenes: dict[str, Scene], folder: Path, options):
+        """folder: for copies of the engine, empty."""
+        self._scenes, self._folder, self._options = scenes, folder, options
+        self._digests = {name: hashlib.sha256(pickle.dumps(scene)).hexdigest() for name, scene in scenes.items()}
+        edited(folder / "usual", None)
+
+    def of(self, trials: Sequence[Trial]) -> Iterator[tuple[Trial, dict[str, tuple[np.ndarray, np.ndarray]]]]:
+        """Each trial with `compare`'s arrays of each scene. Of as many trials as there are threads kernels are compiled
+        at the same time, as each compiles on one."""
+        usual = [UNCHANGED]  # the engine as it is, with the first for which anything is missing
+        for some in groups(trials, self._options.threads):
+            if missing := [trial for trial in some if self._missing(trial)]:
+                with ThreadPoolExecutor(self._options.threads) as pool:
+                    list(pool.map(self._compile, dict.fromkeys(usual + missing)))
+                usual = []
+            for trial in some:
+                yield trial, {name: self._compared(trial, name) for name in self._scenes}
+                shutil.rmtree(self._folder / trial.name, ignore_errors=True)
+
+    def _compared(self, trial: Trial, name: str) -> tuple[np.ndarray, np.ndarray]:
+        def measured():
+            engines = self._folder / "usual", self._engine(trial)
+            return compare(engines, trial, self._scenes[name], self._reference(name), self._options)
+
+        usual, other = kept(self._file(trial, name), measured)
+        return usual, other
+
+    def _reference(self, name: str) -> Reference:
+        def rendered():
+            with contextlib.closing(Worker(self._folder / "usual")) as usual:
+                return reference_of(self._scenes[name], usual, self._options)
+
+        return Reference(*kept(self._file(None, name), rendered))
+
+    def _missing(self, trial: Trial) -> list[str]:
+        return [name for name in self._scenes if not self._file(trial, name).is_file()]
+
+    def _compile(self, trial: Trial) -> None:
+        engine = self._engine(trial)
+        if engine != self._folder / "usual":
+            edited(engine, trial)
+        with contextlib.closing(Worker(engine)) as worker:
+            for name in self._scenes if trial is UNCHANGED else self._missing(trial):
+                worker.load(self._scenes[name])
+                worker.render(settings_of(trial, 1, self._options, seed=0))
+
+    def _engine(self, trial: Trial) -> Path:
+        """Another setting needs no other engine."""
+        return self._folder / (trial.name if trial.edits else "usual")
+
+    def _file(self, trial: Trial | None, name: str) -> Path:
+        """Named by all that decides what is measured. None: the reference."""
+        asked = self._options
+        way = inspect.getsource(compare), inspect.getsource(make_reference), WORKER.read_text()
+        of_all = common.engine_digest(), way, self._digests[name], asked.reference_samples
+        of_trial = (
+            (trial.name, trial.edits, trial.settings, trial.samples, trial.pairs(asked.seeds), asked.samples,
+             asked.threads, common.processor()) if trial else ()
+        )  # fmt: skip
+        return asked.store / f"{hashlib.sha256(repr((of_all, of_trial)).encode()).hexdigest()[:20]}.npz"
+
+
+def kept(path: Path, make: Callable[[], Sequence[np.ndarray]]) -> list[np.ndarray]:
+    """What `make` gives, unless the file is there already. Under another name first: a file with its name is whole."""
+    if not path.is_file():
+        found = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_suffix(".part.npz")
+        np.savez(unfinished, *found)
+        unfinished.replace(path)
+    with np.load(path) as file:
+        return [file[name] for name in file.files]
+
+
+def groups(trials: Sequence[Trial], size: int) -> Iterator[Sequence[Trial]]:
+    for first in range(0, len(trials), size):
+        yield trials[first : first + size]
 
 
 def row(trial: Trial, scene: str, usual: np.ndarray, other: np.ndarray) -> dict[str, str]:
     """Of the table, from `compare`'s arrays."""
     whole, trimmed = usual[WHOLE:].mean(axis=1)
-    if min(trimmed, other[TRIMMED].mean()) <= 0:
+    with np.errstate(invalid="ignore", divide="ignore"):  # of errors that are none: refused just below
+        logs, errors = log_ratios(usual, other), standard_errors(usual, other)
+    if min(whole, trimmed, *other[WHOLE:].mean(axis=1)) <= 0 or not np.isfinite(errors).all():
         raise br.ToolError(f"{scene}: the reference is too noisy for {trial.name!r}: give it more samples")
-    ratios = [
-        f"{ratio:.3f} ± {ratio * error:.3f}"
-        for ratio, error in zip(np.exp(log_ratios(usual, other)), standard_errors(usual, other), strict=True)
-    ]
+    ratios = [f"{ratio:.3f} ± {ratio * error:.3f}" for ratio, error in zip(np.exp(logs), errors, strict=True)]
     return {
         "instead": trial.name,
         "scene": scene,
@@ -536,8 +631,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--resolution", type=resolution, default=(120, 80), metavar="WxH")
     parser.add_argument("--samples", type=whole_number(1, 1 << 24), default=64, metavar="N")
     parser.add_argument("--reference-samples", type=whole_number(1, 1 << 24), default=8192, metavar="N")
-    parser.add_argument("--seeds", type=whole_number(2, 1000), default=8, metavar="N")
+    parser.add_argument("--seeds", type=whole_number(2, 1000), default=6, metavar="N")
     parser.add_argument("--threads", type=whole_number(1, 1024), default=2, metavar="N")
+    parser.add_argument("--fresh", action="store_true", help="forget what is kept of earlier runs, of all trials")
+    parser.add_argument("--store", type=Path, default=common.ROOT / "out" / "trials", metavar="FOLDER",
+                        help="for what has been measured; default: out/trials")  # fmt: skip
     parser.add_argument("--list", action="store_true", help="render nothing: write the list anew from trials.csv")
     common.add_results(parser)
     return parser.parse_args(arguments)
@@ -558,21 +656,39 @@ def run(options: argparse.Namespace, say) -> None:
     for name in common.SCENES:
         common.prepare(common.scene_path(name), options.resolution, options.threads)
         scenes[name] = exported()
-    with tempfile.TemporaryDirectory() as folder, contextlib.closing(Copy(Path(folder), None)) as usual:
-        references = {name: reference_of(scene, usual, options) for name, scene in scenes.items()}
-        found: list[dict] = []
-        for trial in tqdm(trials, file=sys.stderr):
-            found += measure(trial, scenes, references, usual, options)
+    if options.fresh:
+        shutil.rmtree(options.store, ignore_errors=True)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            say(tabulated(trials, Measuring(scenes, Path(folder), options), options))
+    finally:  # also where not all has been measured: the page is as the table
+        if options.results == common.RESULTS:
+            quote_list()
+
+
+def tabulated(trials: Sequence[Trial], measuring: Measuring, options: argparse.Namespace) -> str:
+    """The new rows. Those of a trial are written together: a mean is of all scenes. Raises at the end where the
+    reference is too noisy for some."""
+    found: list[dict] = []
+    refused: list[str] = []
+    table = ""
+    for trial, measured in tqdm(measuring.of(trials), total=len(trials), file=sys.stderr):
+        try:
+            found += [row(trial, name, *engines) for name, engines in measured.items()]
             table = common.update_table("trials", KEYS, found, folder=options.results, note=NOTE)
-    if options.results == common.RESULTS:
-        quote_list()
-    say(table)
+        except br.ToolError as error:
+            refused.append(str(error))
+    if refused:
+        raise br.ToolError("; ".join(refused))
+    return table
 
 
-def reference_of(scene: Scene, usual: Copy, options: argparse.Namespace) -> Reference:
+def reference_of(scene: Scene, usual: Worker, options: argparse.Namespace) -> Reference:
     usual.load(scene)
-    long = {"samples": max(1, options.reference_samples // REFERENCES), "pixel_filter": "BOX"}
-    return make_reference(usual.render({**long, "seed": REFERENCE_SEED + k})[0] for k in range(REFERENCES))
+    samples = max(1, options.reference_samples // REFERENCES)
+    return make_reference(
+        usual.render(settings_of(None, samples, options, seed=REFERENCE_SEED + k))[0] for k in range(REFERENCES)
+    )
 
 
 def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Path = common.RESULTS) -> None:
@@ -587,8 +703,8 @@ def section(table: list[dict[str, str]]) -> str:
     trimmed = sorted({row["scene"] for row in table if has_fireflies(row)})
     if trimmed:
         text += f"\nOf relMSE without its worst 0.1 % of pixels, as those hold most of it: {', '.join(trimmed)}.\n"
-    if noise := between_processes(table):
-        text += f"\nFrom process to process the same render's time differs by {math.sqrt(noise):.1%}.\n"
+    if variance := between_processes(table).variance:
+        text += f"\nFrom process to process the same render's time differs by {math.sqrt(variance):.1%}.\n"
     return text + "\nScene by scene: [trials.md](results/trials.md).\n"
 
 
@@ -596,9 +712,9 @@ def list_of_tried(table: list[dict[str, str]]) -> str:
     """Of each technique, relMSE x seconds without it over that with it."""
     noise, lines = between_processes(table), []
     for trial in TRIALS:
-        found = [cost_of(row, noise) for row in table if row["instead"] == trial.name]
+        found = [cost_of(row) for row in table if row["instead"] == trial.name]
         if found and trial is not UNCHANGED:
-            gain, scenes = gain_of(found, trial.kept)
+            gain, scenes = gain_of(found, trial.kept, noise)
             lines.append(
                 {
                     "tried": trial.tried,
@@ -621,10 +737,10 @@ class Cost(NamedTuple):
     pairs: int
 
 
-def cost_of(row: dict[str, str], noise: float) -> Cost:
-    """Of a row of trials.csv. noise: the variance that a process adds."""
+def cost_of(row: dict[str, str]) -> Cost:
+    """Of a row of trials.csv."""
     log, variance = logarithm(row["the same, trimmed" if has_fireflies(row) else "relMSE x seconds"])
-    return Cost(row["scene"], log, variance + noise, int(row["pairs"]))
+    return Cost(row["scene"], log, variance, int(row["pairs"]))
 
 
 def has_fireflies(row: dict[str, str]) -> bool:
@@ -638,23 +754,35 @@ def logarithm(text: str) -> tuple[float, float]:
     return math.log(ratio), (error / ratio) ** 2
 
 
-def between_processes(table: list[dict[str, str]]) -> float:
-    """Variance of the logarithm of a ratio of seconds, where the two engines are the same, beyond what the renders'
-    own scatter explains."""
+class Noise(NamedTuple):
+    """That a pair of processes adds to the logarithm of a ratio of seconds: its variance, and of how many pairs of
+    processes that is known."""
+
+    variance: float
+    pairs: int
+
+
+def between_processes(table: list[dict[str, str]]) -> Noise:
+    """From where the two engines are the same, beyond what the renders' own scatter explains: the mean is known to be
+    0, so each pair of processes is a degree of freedom."""
     logs = [logarithm(row["seconds"]) for row in table if row["instead"] == UNCHANGED.name]
-    return max(float(np.mean([log**2 - variance for log, variance in logs])), 0.0) if logs else 0.0
+    variance = float(np.mean([log**2 - variance for log, variance in logs])) if logs else 0.0
+    return Noise(max(variance, 0.0), len(logs))
 
 
-def gain_of(costs: list[Cost], kept: bool) -> tuple[str, str]:
+def gain_of(costs: list[Cost], kept: bool, noise: Noise) -> tuple[str, str]:
     """Geometric mean over the scenes with its 95 % interval as it was measured, and what it is where it is least and
-    most. The quantile is Student's, its degrees of freedom as Satterthwaite's sum of the scenes' variances has them."""
+    most. The quantile is Student's, its degrees of freedom as Satterthwaite has them: of the scenes' own variances, and
+    of the processes' noise, which each scene has by itself but whose size is known of all only once."""
     sign = 1 if kept else -1
     gains = {cost.scene: sign * cost.log for cost in costs}
     middle = sum(gains.values()) / len(gains)
-    variances = np.array([cost.variance for cost in costs])
-    half, total = 0.0, float(variances.sum())
+    parts = [(cost.variance, cost.pairs - 1) for cost in costs]
+    if noise.variance:
+        parts.append((len(costs) * noise.variance, noise.pairs))
+    half, total = 0.0, sum(variance for variance, _ in parts)
     if total > 0:
-        freedom = total**2 / float((variances**2 / [cost.pairs - 1 for cost in costs]).sum())
+        freedom = total**2 / sum(variance**2 / known for variance, known in parts)
         half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(total) / len(gains)
     interval = f"{math.exp(middle):.2f} ({math.exp(middle - half):.2f} to {math.exp(middle + half):.2f})"
     if abs(middle) <= half:
@@ -684,6 +812,9 @@ def main() -> int:
         except br.ToolError as error:
             print(f"trials.py: {error}", file=sys.stderr)
             return 2
+        except KeyboardInterrupt:
+            print("trials.py: interrupted; the same command goes on from here", file=sys.stderr)
+            return 130
     return 0
 
 

@@ -6,9 +6,12 @@ import difflib
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
+import scenes
 from scipy import stats
 
 from engine import Settings
@@ -219,10 +222,30 @@ def test_what_the_same_engine_differs_from_itself_widens_all_intervals(trials):
     table = rows_of(trials, "no roulette", 1.08, 1.08)
     assert not listed(trials, table)[0][1].endswith(": no difference")
     table += rows_of(trials, trials.UNCHANGED.name, 1.0, 1.0, seconds=1.1)
-    assert trials.between_processes(table) == pytest.approx(np.log(1.1) ** 2)
+    assert trials.between_processes(table) == (pytest.approx(np.log(1.1) ** 2), 2)
     ((tried, gain, *_),) = listed(trials, table)  # no row for what isn't a technique
     assert tried == "Russian roulette by throughput" and gain.endswith(": no difference")
     assert "differs by 9.5%" in trials.section(table)
+
+
+def test_the_noise_of_processes_is_known_of_no_more_pairs_than_there_were(trials):
+    """Without any other noise the interval is that of a mean of six, whose scatter three pairs of processes tell."""
+    noise = trials.Noise(0.01**2, 3)
+    gain, _ = trials.gain_of([trials.Cost(f"scene {k}", 1.0, 0.0, 1000) for k in range(6)], True, noise)
+    half = stats.t.ppf(0.975, 3) * 0.01 / 6**0.5
+    assert gain == f"{np.exp(1):.2f} ({np.exp(1 - half):.2f} to {np.exp(1 + half):.2f})"
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(trials):
+    """Renders and processes that scatter alike: a whole benchmark, again and again, of a technique that changes
+    nothing."""
+    random, held, runs = np.random.default_rng(11), 0, 400
+    for _ in range(runs):
+        own, processes = random.normal(0, 0.01, (2, 6)) + random.normal(0, 0.02, (2, 6)), 0.01**2
+        noise = trials.Noise(max(float(np.mean(own[0] ** 2 - processes)), 0.0), 6)
+        costs = [trials.Cost(f"scene {k}", log, processes, 8) for k, log in enumerate(own[1])]
+        held += trials.gain_of(costs, True, noise)[0].endswith(": no difference")
+    assert 0.92 < held / runs <= 1
 
 
 def test_fireflies_are_left_out_of_the_verdict_and_it_is_said_where(trials):
@@ -246,8 +269,103 @@ def test_a_row_is_written_from_what_was_measured(trials):
         "trimmed relMSE": "0.750 ± 0.000",
         "in the worst pixels": "50%",
     }
+
+
+@pytest.mark.parametrize("engine", [0, 1])
+@pytest.mark.parametrize("errors", [1, 2])
+@pytest.mark.parametrize("seeds", [[-0.3, 0.1], [-0.1, 0.3]])
+def test_errors_below_those_of_the_reference_are_refused(trials, engine, errors, seeds):
+    """Whole ones or trimmed, in their mean or in a mean that the bootstrap draws."""
+    measured = np.array([[[1.0, 1.0], [0.2, 0.2], [0.1, 0.1]]] * 2)
+    measured[engine, errors] = seeds
     with pytest.raises(ToolError, match="lamps: the reference is too noisy for 'no roulette'"):
-        trials.row(trials.chosen(["no roulette"])[0], "lamps", usual, -usual)
+        trials.row(trials.chosen(["no roulette"])[0], "lamps", *measured)
+
+
+class Made:
+    """Stands for a process that renders: pictures of a few numbers, that differ with the seed."""
+
+    rendered: ClassVar[list[dict]] = []
+    last = 10**9  # render after which it is interrupted
+
+    def __init__(self, engine: Path):
+        assert (engine / "engine").is_dir()
+
+    def load(self, scene) -> None:
+        pass
+
+    def render(self, settings: dict) -> tuple[np.ndarray, float]:
+        if len(self.rendered) == self.last:
+            raise KeyboardInterrupt
+        self.rendered.append(settings)
+        noise = np.random.default_rng(settings["seed"]).normal(0, settings["samples"] ** -0.5, (8, 8, 3))
+        return 1 + noise, 1.0
+
+    def close(self) -> None:
+        pass
+
+
+def test_an_interrupted_run_goes_on_where_it_was(trials, monkeypatch, tmp_path):
+    """Nothing that was finished is rendered again; names choose trials; a second run renders nothing at all."""
+    monkeypatch.setattr(trials, "Worker", Made)
+    monkeypatch.setattr(Made, "rendered", [])
+    options = trials.parse(["--store", str(tmp_path / "store"), "--results", str(tmp_path), "--seeds", "2"])
+    some = trials.chosen(["no roulette", "uniform directions for diffuse"])
+
+    def table(run: int) -> list[dict]:
+        folder = tmp_path / str(run)
+        folder.mkdir()
+        trials.tabulated(some, trials.Measuring({"a": "scene", "b": "another"}, folder, options), options)
+        return trials.common.read_table("trials", tmp_path)
+
+    monkeypatch.setattr(Made, "last", 25)
+    with pytest.raises(KeyboardInterrupt):
+        table(1)
+    assert trials.common.read_table("trials", tmp_path) == []  # means are of all scenes
+    monkeypatch.setattr(Made, "last", 10**9)
+    assert len(table(2)) == 4
+    long = [settings for settings in Made.rendered if settings["samples"] == options.samples]
+    assert len(long) == 4 * 2 * 2 + 3  # of the second scene three of four were made before, in vain
+    assert len([settings for settings in Made.rendered if settings["seed"] >= trials.REFERENCE_SEED]) == 2 * 4
+    count = len(Made.rendered)
+    assert len(table(3)) == 4 and len(Made.rendered) == count
+
+
+def test_what_is_refused_does_not_end_the_others(trials, monkeypatch, tmp_path):
+    """One trial's errors are below the reference's own on one scene: it has no row, and the next has all."""
+    good, some = np.ones((3, 2)), trials.chosen(["no roulette", "balance heuristic"])
+    measured = [(some[0], {"a": (good, good), "b": (good, -good)}), (some[1], {"a": (good, good), "b": (good, good)})]
+    options = trials.parse(["--results", str(tmp_path)])
+    measuring = SimpleNamespace(of=lambda _: iter(measured))
+    with pytest.raises(ToolError, match="b: the reference is too noisy for 'no roulette'"):
+        trials.tabulated(some, measuring, options)
+    rows = trials.common.read_table("trials", tmp_path)
+    assert [(row["instead"], row["scene"]) for row in rows] == [("balance heuristic", "a"), ("balance heuristic", "b")]
+
+
+def test_what_is_measured_otherwise_is_measured_anew(trials, tmp_path):
+    """The file's name tells engines, scenes, trials and options apart."""
+    names = set()
+    for words in [], ["--samples", "32"], ["--seeds", "3"], ["--threads", "1"], ["--reference-samples", "64"]:
+        options = trials.parse([*words, "--store", str(tmp_path)])
+        folder = tmp_path / str(len(names))
+        folder.mkdir()
+        measuring = trials.Measuring({"a": "scene", "b": "another"}, folder, options)
+        names |= {measuring._file(trial, name).name for trial in (*trials.TRIALS, None) for name in "ab"}
+    references = 2 * 2  # by their own samples alone
+    assert len(names) == 5 * 2 * len(trials.TRIALS) + references
+
+
+@pytest.mark.long  # compiles the engine with an empty cache
+def test_processes_render_what_a_trial_compares(trials, tmp_path):
+    """A small picture, by an engine with an edit beside the engine as it is: other random numbers, other errors."""
+    words = ["--samples", "8", "--reference-samples", "64", "--seeds", "2", "--store", str(tmp_path / "store")]
+    trial = trials.chosen(["independent random numbers"])[0]
+    measuring = trials.Measuring({"sphere": scenes.lit_sphere(size=16)}, tmp_path, trials.parse(words))
+    ((_, found),) = measuring.of([trial])
+    usual, other = found["sphere"]
+    assert usual.shape == other.shape == (3, 2)
+    assert (usual[0] > 0).all() and (other[0] > 0).all() and (usual[1] != other[1]).all()
 
 
 def test_the_list_is_written_from_the_kept_rows_alone(trials, tmp_path):
