@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tools.blender_render import ToolError
 from tools.lobe_blender import enable_lobe
 
 enable_lobe()  # before anything imports bpy
@@ -19,7 +20,7 @@ from benchmarks import ceiling  # noqa: E402
 
 
 def test_rays_are_recorded_whole_and_replayed(repository: Path, tmp_path: Path) -> None:
-    """The tool itself refuses a recording that isn't as long as the render says. `lamps` has rays that note lamps."""
+    """The tool itself refuses a recording that isn't as long as the render says."""
     words = ["cornell_diffuse", "lamps", "--ceiling", "--resolution", "16x16", "--seeds", "2"]
     command = [sys.executable, "tools/bench.py", *words, "--results", str(tmp_path)]
     done = subprocess.run(command, cwd=repository, capture_output=True, text=True)
@@ -62,6 +63,13 @@ def test_rays_that_end_otherwise_are_counted_each(recorded) -> None:
     turned = np.arange(0, len(records), len(records) // 50)
     records[turned, ceiling.HIT] = records[turned, ceiling.HIT] == 0
     assert abs(ceiling.differing(ceiling.Recording(records), packed) - before - len(turned)) <= 2 * before
+
+
+def test_too_many_rays_that_end_otherwise_are_refused() -> None:
+    recording = ceiling.Recording(np.zeros((10_000, ceiling.RECORD_WORDS), np.uint32))
+    assert ceiling.agreeing(10, recording) == 10
+    with pytest.raises(ToolError, match="11 of 10000 rays end otherwise when they are traced again"):
+        ceiling.agreeing(11, recording)
 
 
 @pytest.mark.parametrize("fault", ["lost", "shortened", "masked"])
