@@ -50,7 +50,7 @@ LEFT_OUT = {
     "mesh_emitters": "emission where rays meet surfaces, an emitter's number for each triangle",
     "rectangle_emitters": "a rectangle for each pair of triangles, sampling by its solid angle",
     "lamp_kinds": "sampling points, balls, disks, rectangles, ellipses, spots",
-    "lamp_shapes": "noting lamps along rays",
+    "lamp_shapes": "asking a few lamps one after the other where rays go, noting many where Embree meets them",
     "unshadowed": "light that is let through everything",
     "ray_kinds": "which kind of ray sees what, and goes how far; renders path by path",
     "emitter_choice": "the light tree",

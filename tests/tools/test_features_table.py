@@ -8,7 +8,7 @@ import scenes
 from benchmarks import features
 from benchmarks.common import SCENES
 from benchmarks.features import CHOICES, FORCED, LEFT_OUT, TELLING, asked, more_bytes, pair
-from engine.features import EMITTER_TREE, EVERYTHING, ONE_EMITTER, Features
+from engine.features import EMITTER_TREE, EVERYTHING, LISTED_LAMPS, ONE_EMITTER, TRACED_LAMPS, Features
 from engine.passes import has_data_passes, has_light_passes
 from engine.settings import Settings
 
@@ -17,6 +17,14 @@ def test_every_feature_has_a_row_or_a_reason():
     assert set(LEFT_OUT) == set(FORCED) >= set(EVERYTHING)
     assert sorted([*LEFT_OUT, *CHOICES]) == sorted(Features._fields)  # each once
     assert set(TELLING) <= set(LEFT_OUT) and set(TELLING.values()) <= set(SCENES)
+
+
+def test_the_row_of_lamp_shapes_has_both_ways_to_meet_lamps():
+    own = Features(emitter_choice=ONE_EMITTER)
+    both = pair(own, "lamp_shapes")
+    assert both is not None and both.forced == own._replace(lamp_shapes=LISTED_LAMPS | TRACED_LAMPS)
+    assert pair(own._replace(lamp_shapes=LISTED_LAMPS), "lamp_shapes") is None
+    assert "one after the other" in LEFT_OUT["lamp_shapes"] and "Embree" in LEFT_OUT["lamp_shapes"]
 
 
 def test_passes_are_asked_for():
