@@ -40,8 +40,11 @@ __all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "add_results", "br
 
 
 def scene_path(name: str) -> Path:
-    """A sample scene by name, or any .blend by path."""
-    return SAMPLES / f"{name}.blend" if name in SCENES else Path(name)
+    """A sample scene by name, or any .blend by path: a sample's leads to the same as its name."""
+    stem = name if name in SCENES else Path(name).stem
+    sample = SAMPLES / f"{stem}.blend"
+    is_sample = name in SCENES or (stem in SCENES and Path(name).resolve() == sample.resolve())
+    return sample if is_sample else Path(name)
 
 
 def prepare(path: Path, resolution: tuple[int, int] | None, threads: int):

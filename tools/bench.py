@@ -5,9 +5,9 @@ both, and says how many times longer Cycles takes to the same error. `--ceiling`
 alone, `--features` with that of a kernel that skips less, `--osl` Cycles with Open Shading Language and without. Every
 finished render is kept in out/bench/: after an interruption the same command goes on where it was. The work is done by
 benchmarks/convergence/; tables, plots and the page go to benchmarks/results/, the table for the README to standard
-output. Other scenes than the samples, another resolution or number of threads are no part of those tables: what is
-measured of them goes to out/bench/results/. Exit code 0; 1 when the engines' long renders of a scene differ, 2 for what
-the user can mend, 130 after Ctrl-C.
+output. Other scenes than the samples, another resolution or number of threads, fewer seeds or a smaller budget are no
+part of those tables: what is measured so goes to out/bench/results/. Exit code 0; 1 when the engines' long renders of
+a scene differ, 2 for what the user can mend, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if str(ROOT) not in sys.path:
 from benchmarks import common  # noqa: E402
 from benchmarks.convergence import plan  # noqa: E402
 from tools import blender_render as br  # noqa: E402
-from tools.lobe_blender import SetupError  # noqa: E402
+from tools.lobe_blender import SetupError, check_folder  # noqa: E402
 from tools.render import resolution, seconds, whole_number  # noqa: E402
 
 
@@ -113,12 +113,27 @@ def scene_paths(names: list[str]) -> list[Path]:
 
 def results_folder(options: argparse.Namespace, paths: list[Path]) -> Path:
     """Where tables go: to those that are kept with the code only what they are of."""
+    return options.results or (common.RESULTS if is_usual(options, paths) else options.store / "results")
+
+
+def is_usual(options: argparse.Namespace, paths: list[Path]) -> bool:
+    """Whether a run measures what the tables kept with the code are of, and no less thoroughly."""
     usual = plan.Settings(Path())
     samples = {common.scene_path(name) for name in common.SCENES}
-    is_usual = (options.resolution, options.threads) == (usual.resolution, usual.threads) and samples >= set(paths)
-    if options.question is convergence:
-        is_usual = is_usual and options.seeds >= usual.seeds
-    return options.results or (common.RESULTS if is_usual else options.store / "results")
+    alike = (options.resolution, options.threads) == (usual.resolution, usual.threads) and samples >= set(paths)
+    enough = options.seeds >= usual.seeds and (options.budget >= usual.budget or options.question is not convergence)
+    return alike and enough
+
+
+def quotes(options: argparse.Namespace, paths: list[Path]) -> bool:
+    """Whether pages quote the run's tables: not those of another, which `--results` sends to the same place."""
+    return is_usual(options, paths) and results_folder(options, paths).resolve() == common.RESULTS
+
+
+def check_folders(options: argparse.Namespace) -> None:
+    """Before the time that a run takes: see that its files can be written. Raises SetupError."""
+    for folder in {results_folder(options, scene_paths(options.scenes)), options.store}:
+        check_folder(folder)
 
 
 def convergence(options: argparse.Namespace, say) -> int:
@@ -142,9 +157,9 @@ def convergence(options: argparse.Namespace, say) -> int:
         rows = tables.write(outcomes, folder)
         page.write(folder / "convergence.html", sections, outcomes, tables.short(rows))
     both = options.engines == plan.ENGINES
-    if folder == common.RESULTS:
+    if quotes(options, paths):
         goals.write()
-    if both and folder == common.RESULTS:
+    if both and quotes(options, paths):
         tables.quote(ROOT / "README.md", common.markdown(tables.short([r for r in rows if tables.is_headline(r)])))
     say(common.markdown(tables.short(rows) if both else [row for o in outcomes for row in tables.level_rows(o)]))
     differing = [outcome.settings.scene.stem for outcome in outcomes if outcome.reference.verdict != "agree"]
@@ -161,7 +176,7 @@ def ceiling(options: argparse.Namespace, say) -> int:
     folder = results_folder(options, paths)
     common.enable_lobe()
     say(ceiling.table([str(path) for path in paths], options.resolution, options.threads, options.seeds, folder))
-    if folder == common.RESULTS:
+    if quotes(options, paths):
         goals.write()
     return 0
 
@@ -216,6 +231,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     with br.quiet_stdout() as say:
         try:
+            check_folders(options)
             code = options.question(options, say)
             folder = results_folder(options, scene_paths(options.scenes))
             print(f"bench.py: the tables are in {folder}", file=sys.stderr)

@@ -17,6 +17,7 @@ from .. import common
 from . import pictures, plot, tables
 from .campaign import Outcome, Shot, trial_costs
 from .pictures import ERROR_RANGE, Z_RANGE
+from .plan import REFERENCE_SEEDS
 
 ERRORS, SIGNS = "inferno", "RdBu_r"
 STYLE = """
@@ -31,7 +32,7 @@ figure { margin: 0 0 .7rem } figcaption { font-size: 13px; color: #555 }
 """
 INTRODUCTION = """
 <p>Error (relMSE against the mean of long renders of both engines) over the time of the whole render, from the start of
-the command to its end, warm. Eight seeds a point unless said otherwise, the engines in turn, Cycles with those of its
+the command to its end, warm. A point is the mean over several seeds, the engines in turn, Cycles with those of its
 settings (light tree, guiding, map of the world) that did best in a pilot on the scene. Seconds are of the machine that
 this ran on: only the ratios say something about the engines.</p>
 """
@@ -58,6 +59,7 @@ def section(outcome: Outcome, curves: bytes) -> str:
     settings, reference = outcome.settings, outcome.reference
     found = reference.comparison
     parts = [f'<h2 id="{escape(settings.scene.stem)}">{escape(settings.scene.stem)}</h2>']
+    parts.append(f"<p>{settings.seeds} seeds a point.</p>")
     parts.append(image(curves, "plot", f"relMSE over seconds, {settings.scene.stem}"))
     shown = [
         figure(pictures.visible(shot.render.picture, outcome.exposure), caption(shot, outcome))
@@ -66,7 +68,7 @@ def section(outcome: Outcome, curves: bytes) -> str:
     shown.append(
         figure(
             pictures.visible(reference.picture, outcome.exposure),
-            f"<b>Reference</b>: 8 renders of each engine, {reference.samples} samples each; "
+            f"<b>Reference</b>: {REFERENCE_SEEDS} renders of each engine, {reference.samples} samples each; "
             f"relMSE of its own {reference.noise:.1e}. The engines {reference.verdict}: difference of means "
             f"{found.mean_difference:+.2%} ± {found.mean_half_width:.2%}, {found.pass_sidak:.2%} of pixels pass.",
         )

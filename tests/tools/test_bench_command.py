@@ -49,7 +49,10 @@ def test_what_cannot_be_done_is_said_in_a_line(repository, tmp_path, arguments, 
         (["lamps", "--resolution", "16x16"], False),
         (["lamps", "--threads", "1"], False),
         (["lamps", "--seeds", "2"], False),
-        (["lamps", "--seeds", "2", "--ceiling"], True),
+        (["lamps", "--seeds", "2", "--ceiling"], False),
+        (["lamps", "--budget", "719"], False),
+        (["lamps", "--budget", "800"], True),
+        (["lamps", "--budget", "60", "--ceiling"], True),  # it has none
         (["lamps", "other.blend"], False),
     ],
 )
@@ -60,6 +63,26 @@ def test_only_the_samples_as_they_are_go_to_the_tables_kept_with_the_code(words,
     assert bench.results_folder(options, paths) == (bench.common.RESULTS if kept else Path("store", "results"))
     there = bench.parse([*words, "--results", "there"])
     assert bench.results_folder(there, paths) == Path("there")
+    assert bench.quotes(options, paths) == kept and not bench.quotes(there, paths)
+    to_results = bench.parse([*words, "--results", str(bench.common.RESULTS)])
+    assert bench.quotes(to_results, paths) == kept  # the pages' tables are of whole runs, wherever these leave theirs
+
+
+@pytest.mark.parametrize("option", ["--results", "--store"])
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(repository, tmp_path, option):
+    (tmp_path / "file").touch()
+    place = {"--results": tmp_path / "results", "--store": tmp_path / "store"} | {option: tmp_path / "file" / "there"}
+    words = [sys.executable, "tools/bench.py", "lamps", *(str(word) for pair in place.items() for word in pair)]
+    done = subprocess.run(words, cwd=repository, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"bench.py: {str(tmp_path / 'file')!r} is not a folder\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_scene_is_measured_once_by_whichever_way_it_is_named(repository, monkeypatch):
+    monkeypatch.chdir(repository / "sample_blends")
+    lamps = repository / "sample_blends" / "lamps.blend"
+    assert bench.scene_paths(["lamps", "lamps.blend", "../sample_blends/lamps.blend", str(lamps)]) == [lamps]
 
 
 def test_ctrl_c_waits_for_the_end_of_the_render():

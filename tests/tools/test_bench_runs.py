@@ -324,6 +324,7 @@ def test_the_page_needs_nothing_else_and_keeps_other_scenes(tmp_path, scene):
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert not re.search(r"https?://|url\(|<script|<link|@import", text)
     assert "<h2>other</h2>" in text
+    assert f"{outcome.settings.seeds} seeds a point" in text and "Eight" not in text
     assert "box filter, the same bounces" in text and "less than 0.2 %" in text
     assert path.with_name("page_scene.png").read_bytes().startswith(b"\x89PNG")
     assert len(text) < 400_000

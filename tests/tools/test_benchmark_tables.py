@@ -75,3 +75,5 @@ def test_a_trial_run_can_write_elsewhere(script, repository, tmp_path, name):
 def test_scene_paths(common, repository):
     assert common.scene_path("lamps") == repository / "sample_blends" / "lamps.blend"
     assert str(common.scene_path("some/file.blend")) == "some/file.blend"
+    assert str(common.scene_path("elsewhere/lamps.blend")) == "elsewhere/lamps.blend"
+    assert common.scene_path(str(common.SAMPLES / "lamps.blend")) == common.scene_path("lamps")
