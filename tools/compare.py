@@ -3,8 +3,8 @@
 What the button "Compare with Cycles" does, without a Blender program: two renders of each engine, with settings as
 equal as they come, at equal samples (Lobe's) or for equal seconds. FOLDER gets comparison.html, one file with a slider
 between the pictures, the same pictures as PNG, and comparison.json. Standard output has what it comes to, the figures,
-what can't be matched, and the files that were written; its last line is the JSON. How the figures are made:
-addon/compare/figures.py. Exit code 0; 2 for what the user can mend, 130 after Ctrl-C.
+what can't be matched, settings that were changed, and the files that were written; its last line is the JSON. How the
+figures are made: addon/compare/figures.py. Exit code 0; 2 for what the user can mend, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -80,6 +80,7 @@ def data(outcome) -> dict:
     headline = headline_of(outcome)
     figures = values["figures"] | ({} if headline.speedup else {"speedup": math.nan, "speedup_sampling": math.nan})
     values["figures"] = {key: value if math.isfinite(value) else None for key, value in figures.items()}
+    values["samples"] = {engine: samples or None for engine, samples in outcome.samples.items()}
     return {"headline": headline.text} | values
 
 
@@ -105,6 +106,9 @@ def text(outcome) -> str:
     lines += [f"{what:<34}{lobe:>14}{cycles:>14}" for what, lobe, cycles in rows]
     lines += [f"{what:<34}{value:>28}" for what, value in difference_rows(outcome)]
     lines += ["Not matched:", *(f"  {line}" for line in outcome.unmatched)] if outcome.unmatched else []
+    # Also what --set asks for: nothing of a comparison's own settings can be outranked.
+    changed = [f"  {what}: {before} -> {during}" for what, before, during in outcome.changed]
+    lines += ["Changed for the comparison:", *changed] if changed else []
     return "\n".join(lines)
 
 

@@ -14,6 +14,7 @@ noise(Cycles) / noise(Lobe) times its sampling time, whichever samples the two w
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,13 +51,14 @@ class Figures:
     flip: float
     speedup: float  # to the error of Lobe's picture: Cycles' time over Lobe's, preparation included
     speedup_sampling: float  # the same, of the sampling alone
-    ratio_error: (
-        float  # standard error of noise_cycles / noise_lobe, relative; that of both speed-ups, but for the times
-    )
+    ratio_error: float  # standard error of both speed-ups, relative: of noise_cycles / noise_lobe and of the times
 
 
-def measure(lobe: np.ndarray, cycles: np.ndarray, times: tuple[Timing, Timing], flip: float) -> Figures:
-    """lobe, cycles: (2, h, w, 3) scene-linear renders of two seeds each, the one that is shown first; times of both."""
+def measure(
+    lobe: np.ndarray, cycles: np.ndarray, times: tuple[Timing, Timing], flip: float, times_error: float = 0.0
+) -> Figures:
+    """lobe, cycles: (2, h, w, 3) scene-linear renders of two seeds each, the one that is shown first; times of both,
+    and the standard error of their ratio, relative."""
     lobe, cycles = lobe.astype(np.float64), cycles.astype(np.float64)
     scale = 1.0 / (brightness(lobe, cycles) ** 2 + EPSILON)
     (noise_lobe, error_lobe), (noise_cycles, error_cycles) = (_noise(pair, scale) for pair in (lobe, cycles))
@@ -75,7 +77,7 @@ def measure(lobe: np.ndarray, cycles: np.ndarray, times: tuple[Timing, Timing], 
         flip=flip,
         speedup=speedup,
         speedup_sampling=speedup_sampling,
-        ratio_error=math.hypot(error_lobe, error_cycles),
+        ratio_error=math.hypot(error_lobe, error_cycles, times_error),
     )
 
 
@@ -97,6 +99,17 @@ def speedups(noise_lobe: float, noise_cycles: float, lobe: Timing, cycles: Timin
         return math.nan, math.nan
     needed = cycles.sampling * noise_cycles / noise_lobe
     return (cycles.preparation + needed) / lobe.total, needed / lobe.sampling
+
+
+def wander(pairs: Sequence[tuple[Timing, Timing]]) -> float:
+    """Standard error of the ratio of the engines' times, relative, from two renders of each: by their sampling, as what
+    is prepared only once takes the first of them longer. nan where one was too short for the clock.
+
+    The difference of two times, over the root of 2, is the scatter of one; the quicker of them has hardly less.
+    """
+    if not all(timing.sampling > 0.0 for pair in pairs for timing in pair):
+        return math.nan
+    return math.hypot(*(math.log(a.sampling / b.sampling) / math.sqrt(2.0) for a, b in pairs))
 
 
 def _noise(pair: np.ndarray, scale: np.ndarray) -> tuple[float, float]:

@@ -63,12 +63,13 @@ other seeds, is free of noise: what it leaves is the true difference; the map of
 these are relative squared errors (relMSE), divided by the squared brightness + 0.01 that the mean of all four renders
 has around each pixel. Noise falls like 1 / samples, so to the noise of Lobe's picture Cycles would need noise(Cycles) /
 noise(Lobe) times the sampling time that it took here: that, with its preparation, over Lobe's time is the speed-up at
-equal error. Its standard error comes from the noise alone, by its spread over the pixels, which a few bright specks
-make large; how much the times wander is not in it. No speed-up is said where it would mean nothing: where the pictures
-differ in earnest, where noise may hide a difference of more than {AGREED:.0%}, where the engines were not asked for the
-same, and where its standard error is half as large as itself or larger. FLIP (Andersson et al. 2020) says how different
-the two pictures look to someone who flips between them on a screen: 0 alike, 1 as different as can be. It is taken of
-the pictures as shown, noise included.
+equal error. Its standard error comes from the noise, by its spread over the pixels, which a few bright specks make
+large, and from how far the sampling times of an engine's two renders are apart. Two may happen to be close: trust no ±
+of renders that take less than a second or so, whose times wander. No speed-up is said where it would mean nothing:
+where the pictures differ in earnest, where noise may hide a difference of more than {AGREED:.0%}, where the engines
+were not asked for the same, and where its standard error is half as large as itself or larger. FLIP (Andersson et al.
+2020) says how different the two pictures look to someone who flips between them on a screen: 0 alike, 1 as different as
+can be. It is taken of the pictures as shown, noise included.
 """
 OF_ERRORS = (
     "± is one standard error; that of the means is the 95 % interval (Welch's t), which is wide as it comes from two "

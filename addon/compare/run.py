@@ -196,9 +196,13 @@ class Comparison:
     def _measured(self, renders, settings, unmatched: matching.Unmatched) -> Outcome:
         shown = {engine: renders[engine, 0] for engine in ENGINES}
         lobe, cycles = (np.stack([renders[engine, which].pixels for which in (0, 1)]) for engine in ENGINES)
-        times = {engine: _quicker(renders[engine, 0].timing, renders[engine, 1].timing) for engine in ENGINES}
+        timings = {engine: (renders[engine, 0].timing, renders[engine, 1].timing) for engine in ENGINES}
+        times = {engine: _quicker(*pair) for engine, pair in timings.items()}
         flipped = flip.flip_map(shown["CYCLES"].seen, shown["LOBE"].seen)
-        found = figures.measure(lobe, cycles, (times["LOBE"], times["CYCLES"]), float(flipped.mean()))
+        found = figures.measure(
+            lobe, cycles, (times["LOBE"], times["CYCLES"]), float(flipped.mean()),
+            figures.wander([timings[engine] for engine in ENGINES]),
+        )  # fmt: skip
         apart = pictures.relative_difference(lobe, cycles)
         end = pictures.map_range(apart)
         difference = pictures.colored(apart, -end, end, pictures.SIGNS)

@@ -39,7 +39,7 @@ def test_a_comparison(repository, tmp_path):
     folder = tmp_path / "new"
     done = command(repository, SCENE, "-o", folder, "--samples", 16, "--resolution", "48x32", "--threads", 1,
                    "--set", "scene.render.film_transparent=1", "--set", "scene.cycles.film_transparent_glass=1",
-                   "--set", "scene.render.use_motion_blur=1")  # fmt: skip
+                   "--set", "scene.render.use_motion_blur=1", "--set", "scene.cycles.blur_glossy=2")  # fmt: skip
     assert done.returncode == 0, done.stderr
     *lines, last = done.stdout.splitlines()
     told = json.loads(last)
@@ -48,6 +48,7 @@ def test_a_comparison(repository, tmp_path):
     assert told["figures"]["noise_lobe"] > 0.0 and told["times"]["CYCLES"]["total"] > 0.0
     assert "Motion blur is left out" in told["unmatched"] and len(told["different"]) == 1
     assert "(1 reason" in lines[0] and lines[0].endswith("so no speed-up is said") and "Not matched:" in lines
+    assert "  Cycles: Filter Glossy: 2 -> 0" in lines[lines.index("Changed for the comparison:") :]
     assert told["headline"] == lines[0] and told["figures"]["speedup"] is None
     assert not any(line.startswith("Speed-up") for line in lines)
     assert "4/4" in done.stderr and "Lobe, 1 of 2" in done.stderr and "Cycles, 2 of 2" in done.stderr

@@ -346,7 +346,29 @@ def test_what_is_not_known_is_null(outcome):
     assert values["figures"]["flip"] == 0.25 and "pictures" not in values
 
 
+def test_times_that_wander_make_the_speedup_unsure():
+    """Two renders of each engine: what their sampling times differ by is in the error, whichever is the quicker, and
+    what is prepared only once is not."""
+    cold, slow, quick = Timing(9.0, 1.0), Timing(2.2, 1.2), Timing(2.0, 1.0)
+    assert figures.wander([(cold, quick), (quick, quick)]) == 0.0
+    one = math.log(1.2) / math.sqrt(2)
+    assert figures.wander([(slow, quick), (quick, quick)]) == pytest.approx(one)
+    assert figures.wander([(quick, slow), (slow, quick)]) == pytest.approx(one * math.sqrt(2))
+    assert math.isnan(figures.wander([(quick, quick), (Timing(0.1, 0.0), quick)]))
+    steady, unsure = (figures.measure(renders(1.0, 0.1, 1), renders(1.0, 0.2, 2), TIMES, 0.0, e) for e in (0.0, 0.3))
+    assert unsure.ratio_error == pytest.approx(math.hypot(steady.ratio_error, 0.3))
+    assert unsure.speedup == steady.speedup
+
+
+def test_what_was_changed_is_listed_by_the_command(outcome):
+    changed = [("Cycles: Clamp Indirect", "5", "0")]
+    lines = compare.text(dataclasses.replace(outcome, changed=changed)).splitlines()
+    assert lines[-2:] == ["Changed for the comparison:", "  Cycles: Clamp Indirect: 5 -> 0"]
+    assert "Changed" not in compare.text(dataclasses.replace(outcome, changed=[]))
+
+
 def test_samples_that_cycles_does_not_tell(outcome):
     timed = dataclasses.replace(outcome, seconds=1.0, samples={"LOBE": 12.5, "CYCLES": 0.0})
     assert page.engine_rows(timed)[0] == ("Samples", "12.5", "not told")
+    assert compare.data(timed)["samples"] == {"LOBE": 12.5, "CYCLES": None}
     assert page.engine_rows(outcome)[0] == ("Samples", "64", "64")
