@@ -129,8 +129,10 @@ def set_engine(scene, engine: str, as_is: bool = False) -> None:
         except cycles_peer.NoShader as error:
             if error.said:
                 print(f"Cycles' shader compiler said: {error.said}", file=sys.stderr)
+            from bl_ext.user_default.lobe.addon.phong_mark import PHONG_GROUP_NAME
+
             raise ToolError(
-                f"{error}, so it can't draw the exact Phong lobe of 'Phong BSDF'. With render.py's "
+                f"{error}, so it can't draw the exact Phong lobe of {PHONG_GROUP_NAME!r}. With render.py's "
                 "--as-is it draws the Glossy BSDF in that node group"
             ) from error
 
