@@ -4,6 +4,7 @@
     python benchmarks/scale.py memory      # the same scenes: the most memory, beside Cycles'
     python benchmarks/scale.py instances   # half a million: export; time until the first sample beside Cycles'
     python benchmarks/scale.py emitters    # 1e2 to 1e5 lamps, and emissive triangles: render time
+    python benchmarks/scale.py listed      # lamps around the limits of the engine's list: listed, or Embree's
     python benchmarks/scale.py threads     # the sample scenes on one thread and on two
     python benchmarks/scale.py all
 
@@ -28,6 +29,7 @@ from collections.abc import Callable, Hashable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import common
 import numpy as np
@@ -245,6 +247,56 @@ def emitters(options: argparse.Namespace) -> str:
     return common.update_table("scale_emitters", ("emitters", "number", "threads"), rows, folder=options.results)
 
 
+def listed(options: argparse.Namespace) -> str:
+    """The same lamps asked one after the other, and met in Embree's scene: above 1 the list is the slower."""
+    cases = [
+        (kind, count, limit) for kind, limit in limits_of_lists().items() for count in around(limit)
+        if count <= options.largest
+    ]  # fmt: skip
+    steps: dict[Hashable, Callable[[], dict]] = {
+        (kind, count, way): partial(render_with_lists, scene, most, options)
+        for kind, count, _ in cases
+        for scene in [scenes.MAKERS[kind](count)]
+        for way, most in (("listed", count), ("traced", 0))
+    }
+    found = in_turn(steps, options.runs, "listed")
+    rows = [
+        {
+            "lamps": kind,
+            "number": count,
+            "rounds": options.runs,
+            "threads": options.threads,
+            "render, listed / in Embree's scene": ratio_text(
+                *(seconds(found[kind, count, way], "render") for way in ("listed", "traced"))
+            ),
+            "the engine": "lists them" if count <= limit else "has them in Embree's scene",
+            "wanted": "at most 1" if count <= limit else "at least 1",
+        }
+        for kind, count, limit in cases
+    ]
+    return common.update_table("scale_listed", ("lamps", "number", "threads"), rows, folder=options.results)
+
+
+def limits_of_lists() -> dict[str, int]:
+    """Up to how many lamps of a kind the engine asks one after the other."""
+    from bl_ext.user_default.lobe.engine.pack import lamps
+
+    return {"lamps": lamps.MOST_LISTED_ROUND, "area lamps": lamps.MOST_LISTED_FLAT}
+
+
+def around(limit: int) -> list[int]:
+    """Numbers of lamps on both sides of it, and it itself."""
+    return [limit * part // 4 for part in (1, 2, 4, 8, 16)]
+
+
+def render_with_lists(scene, most: int, options: argparse.Namespace) -> dict:
+    """The report of a render by an engine whose lists hold so many lamps at most."""
+    from bl_ext.user_default.lobe.engine.pack import lamps
+
+    with mock.patch.multiple(lamps, MOST_LISTED_ROUND=most, MOST_LISTED_FLAT=most):
+        return render(scene, "LOBE", options.resolution, options.samples, options.threads)
+
+
 def threads(options: argparse.Namespace) -> str:
     """Beside two threads of one process stand two processes, which share nothing but the machine: what they don't
     reach, as where two processors are one core's, threads can't."""
@@ -352,7 +404,8 @@ def peak_mb() -> float:
 # --- command line ---------------------------------------------------------------------------------------------
 
 QUESTIONS = {
-    "triangles": triangles, "memory": memory, "instances": instances, "emitters": emitters, "threads": threads,
+    "triangles": triangles, "memory": memory, "instances": instances, "emitters": emitters, "listed": listed,
+    "threads": threads,
 }  # fmt: skip
 
 

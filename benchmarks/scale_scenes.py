@@ -98,10 +98,25 @@ def lamps(count: int):
     """So many spheres of light, by geometry nodes."""
     import bpy
 
-    scene = _scene("Lamps", count)
     data = bpy.data.lights.new("Lamp", "POINT")
     data.energy, data.use_soft_falloff = POWER / count, False
     data.shadow_soft_size = math.sqrt(EMITTER_AREA / count / math.pi)
+    return _with_lamps("Lamps", count, data)
+
+
+def area_lamps(count: int):
+    """So many squares that shine down, by geometry nodes."""
+    import bpy
+
+    data = bpy.data.lights.new("Lamp", "AREA")
+    data.energy, data.size = POWER / count, math.sqrt(EMITTER_AREA / count)
+    return _with_lamps("Area lamps", count, data)
+
+
+def _with_lamps(kind: str, count: int, data):
+    import bpy
+
+    scene = _scene(kind, count)
     _scatter(scene, places(count), bpy.data.objects.new("Lamp", data))
     _add(scene, "Ground", _terrain_mesh(GROUND_TRIANGLES))
     return scene
@@ -122,7 +137,8 @@ def emissive_triangles(count: int):
 
 
 MAKERS: dict[str, Callable] = {
-    "triangles": terrain, "instances": instances, "lamps": lamps, "emissive triangles": emissive_triangles,
+    "triangles": terrain, "instances": instances, "lamps": lamps, "area lamps": area_lamps,
+    "emissive triangles": emissive_triangles,
 }  # fmt: skip
 
 

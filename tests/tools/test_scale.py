@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.pack.lamps import MOST_LISTED_FLAT
 from tools import metrics
 
 
@@ -98,13 +99,53 @@ def test_small_triangles_share_one_area(scale, count):
 
 def test_a_small_run_leaves_its_tables(repository: Path, tmp_path: Path) -> None:
     """Every question but the one about the sample scenes, with the smallest scene of each."""
-    for question, table in (("triangles", "triangles"), ("instances", "instances"), ("emitters", "emitters")):
+    for question in ("triangles", "instances", "emitters"):
         words = [question, "--runs", "1", "--largest", "1000", "--resolution", "16x16", "--samples", "1"]
         command = [sys.executable, "benchmarks/scale.py", *words, "--results", str(tmp_path)]
         done = subprocess.run(command, cwd=repository, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        with (tmp_path / f"scale_{table}.csv").open(newline="") as file:
+        with (tmp_path / f"scale_{question}.csv").open(newline="") as file:
             assert list(csv.DictReader(file))
+
+
+def test_lamps_are_listed_and_traced_on_both_sides_of_each_limit(repository: Path, tmp_path: Path) -> None:
+    """A row for each number up to the largest that was asked for; every render really takes its way."""
+    words = ["--runs", "1", "--largest", "100", "--resolution", "8x8", "--samples", "1", "--results", str(tmp_path)]
+    done = subprocess.run([sys.executable, "-c", LISTED, *words], cwd=repository, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "scale_listed.csv").open(newline="") as file:
+        rows = [(row["lamps"], int(row["number"]), row["the engine"] == "lists them") for row in csv.DictReader(file)]
+    flat = [("area lamps", count, count <= MOST_LISTED_FLAT) for count in (4, 8, 16, 32, 64)]
+    assert sorted(rows) == sorted([*flat, ("lamps", 32, True), ("lamps", 64, True)])
+    packed = [line.split() for line in done.stderr.splitlines() if line.startswith("packed ")]
+    assert len(packed) == 2 * 2 * len(rows)  # both ways, in the round that warms up and in the one that counts
+    for _, lamps, most in packed:
+        assert most in (lamps, "0")
+
+
+# Says of each render how many lamps are listed, and how many may be.
+LISTED = """
+import sys
+sys.path[:0] = ["benchmarks", "."]
+import scale
+sys.argv[1:1] = ["listed"]
+def told(scene, most, options, render=scale.render_with_lists):
+    from unittest import mock
+    from bl_ext.user_default.lobe.engine.pack import lights
+    pack = lights.lamps_that_rays_meet
+    def packed(kinds, rows, masks):
+        listed, traced = pack(kinds, rows, masks)
+        assert (len(listed), len(traced)) == ((most, 0) if most else (0, len(kinds)))
+        seen.append(f"packed {len(kinds)} {len(listed)}")
+        return listed, traced
+    with mock.patch.object(lights, "lamps_that_rays_meet", packed):
+        return render(scene, most, options)
+seen = []
+scale.render_with_lists = told
+code = scale.main()
+print("\\n".join(seen), file=sys.stderr)  # Blender has taken standard output
+sys.exit(code)
+"""
 
 
 def test_two_processes_take_as_long_as_the_slower(scale):
