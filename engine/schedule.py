@@ -7,7 +7,6 @@ in the order of its samples, so the same scene and seed give the same bits on an
 from __future__ import annotations
 
 import contextlib
-import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -29,8 +28,10 @@ from .scene import Scene
 from .settings import Settings
 from .tiles import Shared, render_tiles, tiles_of
 
-FIRST_PASSES = (1, 1, 2, 4, 8, 16)  # samples of the first passes, so that a picture stands early
-PASS_SAMPLES = 32  # samples of every pass after them
+PASS_SAMPLES = 32  # a pixel, in a pass, at most
+# In the first pass, or one sample a pixel: some tenths of a second on two threads. Passes cost time: rays of one pixel
+# lie close together, and threads wait for the last tile.
+FIRST_PASS_PATHS = 1 << 19
 POLL_SECONDS = 0.03
 PROGRESS_SECONDS = 0.2
 BUILDING = Doing("building")
@@ -192,9 +193,10 @@ class _Render:
         film = Film(self.scene.render_region, self.scene.exposure, settings.passes)  # foreseen, while there was none
         watch.show(film)
         adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
-        for first, count in schedule(settings.samples):
+        for first, count in schedule(settings.samples, film.samples.size):
             self._one_pass(packed, film, adaptive, first, count)
-            watch.tell(Doing(RENDERING), force=first == 0)
+            if watch.is_due() and first + count < settings.samples:
+                watch.tell(Doing(RENDERING))
             watch.ask()  # a pass may be over before anybody asked
             if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
                 return
@@ -229,11 +231,11 @@ class _Render:
         self.result.draws_per_direction = float(self.counted[DRAWS] / max(self.counted[DIRECTIONS], 1))
 
 
-def schedule(total: int) -> Iterator[tuple[int, int]]:
-    """(first sample, number of samples) of each pass."""
-    first = 0
-    for count in itertools.chain(FIRST_PASSES, itertools.repeat(PASS_SAMPLES)):
-        if first >= total:
-            return
-        yield first, min(count, total - first)
+def schedule(total: int, pixels: int) -> Iterator[tuple[int, int]]:
+    """(first sample, number of samples) of each pass over so many pixels: short ones first, so that a picture stands
+    early."""
+    shortest, first = 1 << max((FIRST_PASS_PATHS // pixels).bit_length() - 1, 0), 0
+    while first < total:
+        count = min(max(first, shortest), PASS_SAMPLES, total - first)
+        yield first, count
         first += count

@@ -16,7 +16,7 @@ from . import rows
 from .embree import PACKET_ROWS, PACKET_WIDTH, aligned_memory, init_ray, ray_words
 from .jit import device
 from .records import Ray, RayMemory
-from .simd import WIDTH, add_at, at, compress, load, put_at, store
+from .simd import WIDTH, add_at, at, load, put_at, store, store_front
 
 BATCH = 1024
 COLUMNS = BATCH + WIDTH
@@ -92,16 +92,11 @@ def store_3(array, row, i, v):
 
 
 @device
-def pack(array, row, i, value, mask):
+def store_front_3(array, row, i, v, mask):
     """Write the lanes of the mask side by side from column i on. What lies behind them is lost."""
-    store(array, row, i, compress(value, mask))
-
-
-@device
-def pack_3(array, row, i, v, mask):
-    pack(array, row, i, v[0], mask)
-    pack(array, row + 1, i, v[1], mask)
-    pack(array, row + 2, i, v[2], mask)
+    store_front(array, row, i, v[0], mask)
+    store_front(array, row + 1, i, v[1], mask)
+    store_front(array, row + 2, i, v[2], mask)
 
 
 @device

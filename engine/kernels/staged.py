@@ -14,7 +14,7 @@ import numpy as np
 
 from ..features import DARK_WORLD, Features
 from . import rows
-from .batch import BATCH, add_at_3, at_3, batch_of, load_3, pack, pack_3, put_at_3, rays_at, store_3
+from .batch import BATCH, add_at_3, at_3, batch_of, load_3, put_at_3, rays_at, store_3, store_front_3
 from .bsdf.diffuse import REJECTION
 from .direct import lit_share, samples_lights, shadow_segment, unshadowed_light
 from .film.sums import add_sample
@@ -35,7 +35,21 @@ from .records import (
     without_density,
 )
 from .sampler.sobol import hash_pixel, start_sample
-from .simd import WIDTH, add_at, any_of, count, first_lanes, int32, lanes, load, no, select, store, to_index
+from .simd import (
+    WIDTH,
+    add_at,
+    any_of,
+    count,
+    first_lanes,
+    int32,
+    lanes,
+    load,
+    no,
+    select,
+    store,
+    store_front,
+    to_index,
+)
 from .tables import CAMERA_RAY, DIFFUSE_RAY
 from .vertex import (
     camera_ray,
@@ -229,11 +243,11 @@ def _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, at_co
             put_at_3(batch.parts, rows.LIGHT_SHARE, place, lit_share(f, vertex, sample), alive)
         foresee_lit(batch.parts, place, brings, at_once, bounces == 0)
     direction, t_far = shadow_segment(vertex, sample)
-    pack(batch.shadow_words, rows.TO, at_column, place, sends)
-    pack_3(batch.shadows, rows.FROM, at_column, vertex.start, sends)
-    pack_3(batch.shadows, rows.DIRECTION, at_column, direction, sends)
-    pack(batch.shadows, rows.END, at_column, t_far, sends)
-    pack_3(batch.shadows, rows.BRINGS, at_column, brings, sends)
+    store_front(batch.shadow_words, rows.TO, at_column, place, sends)
+    store_front_3(batch.shadows, rows.FROM, at_column, vertex.start, sends)
+    store_front_3(batch.shadows, rows.DIRECTION, at_column, direction, sends)
+    store_front(batch.shadows, rows.END, at_column, t_far, sends)
+    store_front_3(batch.shadows, rows.BRINGS, at_column, brings, sends)
     return count(sends)
 
 
@@ -252,15 +266,15 @@ def _go_on(f, tables, batch, vertex, numbers, light, place, alive, at_column, co
     if bounces > 0:
         survives, chance = roulette(tables, numbers, throughput)
         alive, throughput = alive & survives, scale(throughput, ONE / chance)
-    pack(words, rows.KEY, at_column, numbers.key, alive)
-    pack(words, rows.ORDER, at_column, numbers.order, alive)
-    pack(words, rows.PLACE, at_column, place, alive)
-    pack_3(paths, rows.THROUGHPUT, at_column, throughput, alive)
-    pack_3(paths, rows.P, at_column, vertex.p, alive)
-    pack_3(paths, rows.N, at_column, vertex.n, alive)
-    pack_3(paths, rows.WI, at_column, ray.wi, alive)
-    pack(paths, rows.PDF, at_column, ray.pdf, alive)
-    pack_3(paths, rows.START, at_column, vertex.start, alive)
+    store_front(words, rows.KEY, at_column, numbers.key, alive)
+    store_front(words, rows.ORDER, at_column, numbers.order, alive)
+    store_front(words, rows.PLACE, at_column, place, alive)
+    store_front_3(paths, rows.THROUGHPUT, at_column, throughput, alive)
+    store_front_3(paths, rows.P, at_column, vertex.p, alive)
+    store_front_3(paths, rows.N, at_column, vertex.n, alive)
+    store_front_3(paths, rows.WI, at_column, ray.wi, alive)
+    store_front(paths, rows.PDF, at_column, ray.pdf, alive)
+    store_front_3(paths, rows.START, at_column, vertex.start, alive)
     store(paths, rows.T_NEAR, at_column, ZERO)
     store(paths, rows.T_FAR, at_column, FAR)
     return count(alive)

@@ -20,7 +20,6 @@ from engine.kernels.simd import (
     any_of,
     at,
     bits_of,
-    compress,
     count,
     first_lanes,
     float32,
@@ -36,6 +35,7 @@ from engine.kernels.simd import (
     select,
     spread,
     store,
+    store_front,
     store_parts,
     to_index,
     uint32,
@@ -190,7 +190,7 @@ def memory(table, rows, columns, out, sums, places):
         few = words_at(table, row * np.uint32(WIDTH) + np.uint32(3), 8)
         store(out, 0, i, found)
         store(out, 1, i, words[0] + words[7] + words[15] - few[0] - few[7])
-        store(out, 2, kept, compress(found, found < ZERO))
+        store_front(out, 2, kept, found, found < ZERO)
         kept += count(found < ZERO)
         add_at(sums, 0, to_index(load(places, 0, i)), found, found < ZERO)
         put_at(sums, (1, to_index(load(places, 0, i))), found, no(found < ZERO))
@@ -308,40 +308,41 @@ def test_lanes_that_write_nothing_may_point_anywhere() -> None:
 def moved(x, limit, out):
     for i in range(0, N, WIDTH):
         a = load(x, 0, i)
-        store(out, 0, i, compress(a, a > limit))
+        store_front(out, 0, i, a, a > limit)
         if any_of(a > limit):
             store(out, 1, i, spread(a, a > limit))
-            store(out, 2, i, float32(int32(compress(uint32(int32(a)), a > limit))))
 
 
 @pytest.mark.parametrize("limit", [-9, 0, 2])
-def test_compress_leaves_zeros_and_spread_the_first_lane(numbers, limit) -> None:
-    out = np.zeros((3, N), np.float32)
+def test_store_front_and_spread_the_first_lane(numbers, limit) -> None:
+    out = np.zeros((2, N), np.float32)
     moved(numbers, np.float32(limit), out)
     for block in range(0, N, WIDTH):
         a, ours = numbers[0, block : block + WIDTH], out[:, block : block + WIDTH]
         kept = a[a > limit]
-        assert np.array_equal(ours[0], np.pad(kept, (0, WIDTH - len(kept))))
+        assert np.array_equal(ours[0, : len(kept)], kept)
         if len(kept):
             assert np.array_equal(ours[1], np.where(a > limit, a, kept[0]))
-            assert np.array_equal(ours[2], np.pad(np.trunc(kept), (0, WIDTH - len(kept))))
 
 
 @kernel
-def compressed(masks, out):
+def fronts(masks, out):
     """Numbers of lanes, by each row of masks."""
     for row in range(masks.shape[0]):
-        store(out, row, 0, compress(lanes() + np.uint32(1), load(masks, row, 0) != np.uint32(0)))
+        store_front(out, row, 1, lanes() + np.uint32(1), load(masks, row, 0) != np.uint32(0))
 
 
-def test_compress_by_every_mask() -> None:
+def test_store_front_by_every_mask() -> None:
+    """And writes no more than a vector."""
     bits = np.arange(1 << WIDTH, dtype=np.uint32)[:, None] >> np.arange(WIDTH, dtype=np.uint32) & 1
-    out, expected = np.zeros((1 << WIDTH, WIDTH), np.uint32), np.zeros((1 << WIDTH, WIDTH), np.uint32)
-    compressed(np.ascontiguousarray(bits), out)
+    out, expected = np.full((1 << WIDTH, WIDTH + 2), 99, np.uint32), np.zeros((1 << WIDTH, WIDTH), np.uint32)
+    fronts(np.ascontiguousarray(bits), out)
     number = bits.sum(axis=1, dtype=np.int64)
     row, lane = np.nonzero(bits)  # row by row, lanes ascending
     expected[row, np.arange(len(row)) - np.repeat(np.cumsum(number) - number, number)] = lane + 1
-    assert np.array_equal(out, expected)
+    front = np.arange(WIDTH) < number[:, None]
+    assert np.array_equal(np.where(front, out[:, 1:-1], 0), expected)
+    assert np.all(out[:, [0, -1]] == 99)
 
 
 @kernel

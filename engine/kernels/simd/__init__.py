@@ -21,7 +21,19 @@ from .arithmetic import (
     to_index,
     uint32,
 )
-from .memory import add_at, at, compress, first_lanes, lanes, load, load_parts, put_at, store, store_parts, words_at
+from .memory import (
+    add_at,
+    at,
+    first_lanes,
+    lanes,
+    load,
+    load_parts,
+    put_at,
+    store,
+    store_front,
+    store_parts,
+    words_at,
+)
 from .types import WIDTH
 
 __all__ = [
@@ -30,7 +42,6 @@ __all__ = [
     "any_of",
     "at",
     "bits_of",
-    "compress",
     "count",
     "first_lanes",
     "float32",
@@ -46,6 +57,7 @@ __all__ = [
     "select",
     "spread",
     "store",
+    "store_front",
     "store_parts",
     "to_index",
     "uint32",

@@ -17,6 +17,7 @@ from .types import F32, F64, I32, I32_WORD, I64, MASK, U32, WIDTH, Vector, fille
 
 _VECTORS = {types.float32: F32, types.float64: F64, types.int32: I32, types.uint32: U32}
 _BYTE = ir.IntType(8)
+_EIGHT, _FRONTS = 8, "lobe_fronts"
 
 
 def _vector_of(array) -> Vector:
@@ -163,19 +164,59 @@ def lanes(typing_context):
 
 
 @intrinsic
-def compress(typing_context, value, mask):
-    """The lanes of the mask moved to the front, 32 bits each, and zeros behind them."""
-    if value not in (F32, I32, U32):
-        return None
+def store_front(typing_context, array, row, i, value, mask):
+    """array[row, i : i + n] = the n lanes of the mask, a vector's. What lies behind them, up to i + WIDTH, is lost."""
+    _stored(value, _row_of(array))
 
     def codegen(context, builder, sig, args):
-        # As integers: LLVM 22 ends the process when it does this of floats for a processor without AVX-512.
-        words = builder.bitcast(args[0], U32.llvm)
-        name = f"llvm.experimental.vector.compress.{U32.suffix}"
-        front = call(builder, name, U32.llvm, [words, args[1], filled(U32, 0)])
-        return builder.bitcast(front, args[0].type)
+        # As integers: LLVM 22 ends the process when it compresses floats for a processor without AVX-512.
+        words = builder.bitcast(args[3], U32.llvm)
+        place = _row_place(context, builder, sig, args)
+        (_store_permuted if _has_permutes(context) else _store_compressed)(builder, words, args[4], place)
+        return context.get_dummy_value()
 
-    return value(value, mask), codegen
+    return types.void(array, row, i, value, mask), codegen
+
+
+def _has_permutes(context) -> bool:
+    """Whether the processor puts eight numbers into any order at once, and has no instruction that compresses."""
+    features = context.codegen().magic_tuple()[2].split(",")
+    return "+avx2" in features and "+avx512f" not in features
+
+
+def _store_compressed(builder, words, mask, place) -> None:
+    name = f"llvm.experimental.vector.compress.{U32.suffix}"
+    front = call(builder, name, U32.llvm, [words, mask, filled(U32, 0)])
+    builder.store(front, builder.bitcast(place, front.type.as_pointer()), align=4)
+
+
+def _store_permuted(builder, words, mask, place) -> None:
+    """Eight lanes after eight. Which of them come to the front, and in what order, is looked up by the bits of their
+    mask: LLVM makes a single instruction of the extracts and inserts."""
+    table = _fronts(builder.module)
+    for first in range(0, WIDTH, _EIGHT):
+        lanes = ir.Constant(ir.VectorType(I32_WORD, _EIGHT), list(range(first, first + _EIGHT)))
+        part, own = (builder.shuffle_vector(of, of, lanes) for of in (words, mask))
+        bits = builder.bitcast(own, _BYTE)
+        entry = builder.gep(table, [I64(0), builder.zext(bits, I64)])
+        order = builder.zext(builder.load(entry, align=_EIGHT), part.type)
+        front = ir.Constant(part.type, ir.Undefined)
+        for lane in range(_EIGHT):
+            chosen = builder.extract_element(part, builder.extract_element(order, I32_WORD(lane)))
+            front = builder.insert_element(front, chosen, I32_WORD(lane))
+        builder.store(front, builder.bitcast(place, part.type.as_pointer()), align=4)
+        place = builder.gep(place, [builder.zext(builder.ctpop(bits), I64)], source_etype=I32_WORD)
+
+
+def _fronts(module) -> ir.GlobalVariable:
+    """For each mask of eight lanes: their numbers, those of the mask first."""
+    if _FRONTS not in module.globals:
+        entry = ir.VectorType(_BYTE, _EIGHT)
+        orders = [sorted(range(_EIGHT), key=lambda lane: not mask >> lane & 1) for mask in range(1 << _EIGHT)]
+        table = ir.Constant(ir.ArrayType(entry, len(orders)), [ir.Constant(entry, order) for order in orders])
+        variable = ir.GlobalVariable(module, table.type, _FRONTS)
+        variable.linkage, variable.global_constant, variable.initializer = "private", True, table
+    return module.globals[_FRONTS]
 
 
 def _steps(builder, array, ty):
