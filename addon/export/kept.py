@@ -11,7 +11,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...engine import Instances, Lamp, Prepared, Scene, World
+from ...engine import Instances, Lamp, Prepared, Scene
 from .changes import Changes, changes_of, uid_of
 from .faults import naming
 from .images import PAINTED, Images, version
@@ -19,12 +19,14 @@ from .kept_meshes import KeptMeshes
 from .materials.material import Exported, MaterialTable
 from .notes import Note, Notes
 from .stop import Stop
-from .world import export_world
+from .world import ExportedWorld, export_world
 
 
-class _ExportedWorld(NamedTuple):
-    uid: int
-    world: World
+class _KeptWorld(NamedTuple):
+    """of: its `uid_of`, and whether the film is transparent."""
+
+    of: tuple[int, bool]
+    exported: ExportedWorld
     notes: list[Note]
 
 
@@ -37,7 +39,7 @@ class Kept:
         self.materials: dict[int, Exported] = {}  # by `uid_of`
         self._image_notes = Notes()
         self.images = Images(self._image_notes, self.stop)
-        self._world: _ExportedWorld | None = None
+        self._world: _KeptWorld | None = None
         self._scene: Scene | None = None
         self.prepared = Prepared()  # of the last export, by whoever rendered it
 
@@ -52,21 +54,22 @@ class Kept:
         if changes.world or changes.nodes:
             self._world = None
 
-    def world(self, depsgraph, notes: Notes) -> World:
+    def world(self, depsgraph, notes: Notes) -> ExportedWorld:
         """Of the view layer."""
         layer = depsgraph.view_layer_eval
         shown = getattr(layer, "world_override", None) or depsgraph.scene_eval.world
         shown = shown if layer.use_sky or depsgraph.mode == "VIEWPORT" else None
-        uid = uid_of(shown)
-        if self._world is not None and self._world.uid == uid:
+        film_transparent = depsgraph.scene.render.film_transparent
+        of = uid_of(shown), film_transparent
+        if self._world is not None and self._world.of == of:
             notes.again(self._world.notes)
-            return self._world.world
+            return self._world.exported
         self.images.lasting()
         with notes.recorded() as own, naming("world", shown.name if shown else ""):
-            world = export_world(shown, own, self.images)
-        self._world = _ExportedWorld(uid, world, own.all) if self.images.lasting() else None
+            exported = export_world(shown, own, self.images, film_transparent)
+        self._world = _KeptWorld(of, exported, own.all) if self.images.lasting() else None
         self.images.forget_unused()
-        return world
+        return exported
 
     def table(self, depsgraph, notes: Notes) -> MaterialTable:
         override = depsgraph.view_layer_eval.material_override

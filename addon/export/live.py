@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import bpy
 
-from ...engine import Scene, Settings
+from ...engine import Scene, Settings, SunLight
 from .changes import Changes, changes_of, uid_of
 from .instances import Placement, shading_of, shown_objects
 from .kept import Kept, same, take_over
@@ -42,6 +42,7 @@ class LiveExport:
         self._shown: tuple = ()  # `shown_objects`
         self._shading: dict[int, tuple] = {}  # by `uid_of`, of lamps, and of objects whose shading alone had changed
         self._lamps: list[PlacedLamp] = []  # with what has become of their lights since
+        self._suns: list[SunLight] = []  # of the world, as it is now
 
     def update(self, depsgraph, shown: Callable[[object], bool] | None = None, anew: bool = False) -> Scene:
         """shown: whether the viewport shows an evaluated object. anew: that is another function than before."""
@@ -53,16 +54,21 @@ class LiveExport:
             self._kept = Kept()
         self._kept.hear(changes)
         before = before or Scene()
-        now = replace(before, world=self._kept.world(depsgraph, Notes()))
+        world, suns = self._kept.world(depsgraph, Notes())
+        now = replace(before, world=world)
+        lit_before = self._lamps, self._suns
         shading = {uid: shading_of(object_) for uid, object_ in changes.shaded.items()}
         if anew or changes.placed or changes.nodes or not self._stand(depsgraph, changes, shading):
             self._place(depsgraph, shown, now)
             self._shading |= shading  # whose materials are edited once, are edited again
         else:
-            if changes.lights:
-                self._light(changes.lights, now)
+            if changes.lights:  # they stand where they stood
+                self._lamps = export_lamps(self._lamps, changes.lights, Notes(), self._kept.stop)
             if changes.materials:
                 self._shade(depsgraph, changes.materials, now)
+        self._suns = suns
+        if self._lamps is not lit_before[0] or self._suns is not lit_before[1]:
+            now.lights = lit(self._lamps) + suns
         take_over(before, now)
         self._scene = before if same(before, now) else now
         return self._scene
@@ -79,22 +85,17 @@ class LiveExport:
         return not changes.scene or (not shading and shown_objects(depsgraph, depsgraph.objects) == self._shown)
 
     def _place(self, depsgraph, shown: Callable[[object], bool] | None, scene: Scene) -> None:
-        """Objects, lamps and the materials that objects have, into `scene`."""
+        """Objects and the materials that they have, into `scene`, and the lamps."""
         notes = Notes()  # nobody reads them here: the report of a final render does
         table = self._kept.table(depsgraph, notes)
         placement = Placement(depsgraph, table, notes, self._kept.stop, self._kept.meshes, shown)
         self._kept.placed(table)
         self._table, self._lamps = table, placement.lamps
-        scene.meshes, scene.instances, scene.lights = placement.meshes, placement.instances, placement.lights
+        scene.meshes, scene.instances = placement.meshes, placement.instances
         scene.materials = table.materials
         objects = list(depsgraph.objects)
         self._frame, self._shown = depsgraph.scene.frame_current, shown_objects(depsgraph, objects)
         self._shading = {uid_of(object_): shading_of(object_) for object_ in objects if object_.type == "LIGHT"}
-
-    def _light(self, changed: Mapping[int, bpy.types.Light], scene: Scene) -> None:
-        """Lamps alone, into `scene`: they stand where they stood."""
-        self._lamps = export_lamps(self._lamps, changed, Notes(), self._kept.stop)
-        scene.lights = lit(self._lamps)
 
     def _shade(self, depsgraph, changed: Mapping[int, bpy.types.Material], scene: Scene) -> None:
         """Materials alone, into `scene`: no object has others than before."""

@@ -50,7 +50,7 @@ def export_scene(
         depsgraph, materials, notes, kept.stop, kept.meshes, with_uvs="UV" in wanted_passes(depsgraph.view_layer)
     )
     kept.placed(materials)
-    world = kept.world(depsgraph, notes)
+    world, suns = kept.world(depsgraph, notes)
     note_libraries(notes)
     note_working_space(notes)
     note_scene(render, notes)
@@ -65,7 +65,7 @@ def export_scene(
         meshes=placement.meshes,
         instances=placement.instances,
         materials=materials.materials,
-        lights=placement.lights,
+        lights=placement.lights + suns,
         world=world,
         exposure=film_exposure(scene),
         transparent_film=render.film_transparent,

@@ -204,6 +204,13 @@ def world_strength(scene) -> None:
     keyed(node_tree(scene.world).nodes["Background"].inputs["Strength"], "default_value", (0.0, 1.0))
 
 
+def rising_sun(scene) -> None:
+    tree = node_tree(scene.world)
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    tree.links.new(sky.outputs["Color"], tree.nodes["Background"].inputs["Color"])
+    keyed(sky, "sun_elevation", (-0.1, 0.5))
+
+
 def image_sequence(scene, tmp_path) -> None:
     """On a surface and around the world, another picture in each frame."""
     for number in range(1, FRAMES + 1):
@@ -235,7 +242,7 @@ def growing_text(scene) -> None:
 CHANGES = [
     moving_camera, distant_camera, moving_object, shape_key, modifier, armature, geometry_nodes, driver,
     material_colour, emission_that_begins, node_group, lamp_energy, moving_lamp, visibility, world_strength,
-    image_sequence, growing_text,
+    rising_sun, image_sequence, growing_text,
 ]  # fmt: skip
 
 # Meshes, materials and worlds that the frames after the first export, and whether they pack and build.

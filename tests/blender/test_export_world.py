@@ -10,7 +10,15 @@ from bl_ext.user_default.lobe.addon.export import export_scene, images
 from bl_ext.user_default.lobe.engine import memory
 
 from tests import little_memory
-from tests.blender.export_checks import add_camera, cycles_picture, depsgraph, node_tree
+from tests.blender.export_checks import (
+    add_camera,
+    add_object,
+    cycles_picture,
+    depsgraph,
+    new_material,
+    node_tree,
+    plane_mesh,
+)
 
 WIDTH, HEIGHT = 32, 16
 
@@ -52,10 +60,11 @@ def panorama_camera():
     add_camera((0, 0, 0), (np.pi / 2, 0, -np.pi / 2), type="PANO", panorama_type="EQUIRECTANGULAR")
 
 
-def directions() -> np.ndarray:
-    """(HEIGHT, WIDTH, 3) of the pixels of that view."""
-    azimuth = (0.5 - (np.arange(WIDTH) + 0.5) / WIDTH) * 2 * np.pi
-    height = (((np.arange(HEIGHT) + 0.5) / HEIGHT - 0.5) * np.pi)[:, None]
+def directions(finer: int = 1) -> np.ndarray:
+    """(HEIGHT, WIDTH, 3) of the pixels of that view, or of one that many times as large."""
+    rows, columns = finer * HEIGHT, finer * WIDTH
+    azimuth = (0.5 - (np.arange(columns) + 0.5) / columns) * 2 * np.pi
+    height = (((np.arange(rows) + 0.5) / rows - 0.5) * np.pi)[:, None]
     parts = np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height) + 0 * azimuth
     return np.stack(parts, axis=-1)
 
@@ -77,6 +86,11 @@ def radiance(world, d: np.ndarray) -> np.ndarray:
     low = (1 - fx) * texel(x0, y0) + fx * texel(x0 + 1, y0)
     high = (1 - fx) * texel(x0, y0 + 1) + fx * texel(x0 + 1, y0 + 1)
     return world.color * ((1 - fy) * low + fy * high)
+
+
+def box_filtered(world, finer: int = 8) -> np.ndarray:
+    """(HEIGHT, WIDTH, 3): what each pixel of that view shows on average."""
+    return radiance(world, directions(finer)).reshape(HEIGHT, finer, WIDTH, finer, 3).mean(axis=(1, 3))
 
 
 def assert_as_in_cycles(folder, tolerance: float = 0.01):
@@ -340,15 +354,183 @@ def test_environment_node_without_image():
     assert scene.warnings == ["world 'World': Environment Texture has no image, drawn magenta"]
 
 
-def test_sky_is_a_constant_and_named():
+SINGLE, MULTIPLE = ("SINGLE_SCATTERING", "NISHITA"), ("MULTIPLE_SCATTERING",)  # by the names of each Blender
+
+
+def new_sky(kinds, elevation: float = 25.0, azimuth: float = -40.0):
+    """A world of a Sky Texture without a disk, of the first of these types that this Blender has; where the sun is in
+    degrees, clockwise from +y."""
     tree, background = new_world()
     sky = tree.nodes.new("ShaderNodeTexSky")
+    known = sky.bl_rna.properties["sky_type"].enum_items
+    kind = next((kind for kind in kinds if kind in known), None)
+    if kind is None:
+        pytest.skip("not in this Blender")
+    sky.sky_type, sky.sun_disc = kind, False
+    sky.sun_elevation, sky.sun_rotation = e, a = np.radians(elevation), np.radians(azimuth)
+    sky.sun_direction = np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)
     tree.links.new(sky.outputs["Color"], background.inputs["Color"])
+    return sky
+
+
+# All between two of the sun's elevations in the table.
+@pytest.mark.parametrize(
+    ("kinds", "elevation"),
+    [(("PREETHAM",), 30.0), (("HOSEK_WILKIE",), 7.0), (SINGLE, 4.0), (SINGLE, 62.0), (MULTIPLE, 16.0)],
+)
+def test_sky_by_direction(kinds, elevation, tmp_path):
+    new_sky(kinds, elevation)
+    panorama_camera()
+    scene = export_scene(depsgraph())
+    assert scene.warnings == ["camera 'Camera': type pano is not supported, drawn as perspective"]
+    drawn, picture = box_filtered(scene.world), cycles_picture(WIDTH, HEIGHT, 64, tmp_path)
+    assert drawn.mean(axis=(0, 1)) == pytest.approx(picture.mean(axis=(0, 1)), rel=0.05)
+    assert np.abs(drawn - picture).mean() < 0.05 * picture.mean()
+    assert np.abs(drawn - picture).max() < 0.2 * picture.max()
+
+
+def test_sky_turned_by_mapping(tmp_path):
+    sky = new_sky(("PREETHAM",))
+    tree = sky.id_data
+    coordinates, mapping = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMapping")
+    mapping.inputs["Rotation"].default_value = (0.5, -0.3, 2.0)
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], sky.inputs["Vector"])
+    panorama_camera()
+    drawn, picture = box_filtered(export_scene(depsgraph()).world), cycles_picture(WIDTH, HEIGHT, 64, tmp_path)
+    assert np.abs(drawn - picture).mean() < 0.05 * picture.mean()
+
+
+def test_sky_has_the_shape_and_rotation_of_an_image_beside_it():
+    """The lookup of the sum is the sum of the lookups."""
+    sky = new_sky(SINGLE)
+    tree = sky.id_data
+    add_camera()
+    alone = export_scene(depsgraph()).world
+    background = tree.nodes["Background"]
+    environment = add_environment(tree, background, smooth_image(256, 128))
+    mapping, coordinates = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeTexCoord")
+    mapping.inputs["Rotation"].default_value = (0, 0, 2.0)
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], environment.inputs["Vector"])
+    image = export_scene(depsgraph()).world
+    add = tree.nodes.new("ShaderNodeVectorMath")
+    tree.links.new(environment.outputs["Color"], add.inputs[0])
+    tree.links.new(sky.outputs["Color"], add.inputs[1])
+    tree.links.new(add.outputs[0], background.inputs["Color"])
+    both = export_scene(depsgraph())
+    assert both.warnings == []
+    where = directions()[2:-2]
+    expected = radiance(image, where) + radiance(alone, where)
+    assert radiance(both.world, where) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize("kinds", [SINGLE, MULTIPLE])
+def test_the_suns_disk_is_a_sun_lamp(kinds, tmp_path):
+    """A white floor, by Cycles with the disk and without it. The lamp shines where the brightest pixel is."""
+    sky = new_sky(kinds, 30.0)
+    sky.sun_intensity, sky.sun_size = 0.5, np.radians(12)
+    sky.id_data.nodes["Background"].inputs["Strength"].default_value = 3.0
+    floor = plane_mesh()
+    floor.materials.append(new_material("White", "ShaderNodeBsdfDiffuse", Color=(1, 1, 1, 1))[0])
+    floor_object = add_object("Floor", floor)
+    add_camera(location=(0, 0, 1))
+    assert export_scene(depsgraph()).lights == []
+    unlit = cycles_picture(4, 4, 256, tmp_path).mean(axis=(0, 1))
+    sky.sun_disc = True
+    (sun,) = export_scene(depsgraph()).lights
+    lit = cycles_picture(4, 4, 256, tmp_path).mean(axis=(0, 1))
+    towards = sun.transform[:, 2]
+    assert np.array(sun.irradiance) * towards[2] / np.pi == pytest.approx(lit - unlit, rel=0.05)
+    assert sun.angle == pytest.approx(np.radians(12)) and sun.cast_shadow
+    bpy.data.objects.remove(floor_object)
+    panorama_camera()
+    picture = cycles_picture(WIDTH, HEIGHT, 64, tmp_path).sum(axis=2)
+    assert directions()[np.unravel_index(picture.argmax(), picture.shape)] @ towards > np.cos(np.radians(12))
+
+
+def test_no_sun_lamp_where_there_is_no_disk():
+    add_camera()
+    for kinds, elevation in ((("PREETHAM",), 25.0), (SINGLE, -0.3), (SINGLE, -40.0)):
+        new_sky(kinds, elevation).sun_disc = True
+        assert export_scene(depsgraph()).lights == []
+    sky = new_sky(SINGLE, 0.1)
+    sky.sun_disc = True
+    assert len(export_scene(depsgraph()).lights) == 1
+    sky.sun_intensity = 0.0
+    assert export_scene(depsgraph()).lights == []
+
+
+def test_the_sun_past_the_zenith_comes_down_on_the_other_side():
+    sky = new_sky(SINGLE, 150.0, 20.0)
+    sky.sun_disc = True
+    add_camera()
+    past = export_scene(depsgraph())
+    sky.sun_elevation, sky.sun_rotation = np.radians(30.0), np.radians(200.0)
+    direct = export_scene(depsgraph())
+    assert past.lights[0].transform[:, 2] == pytest.approx(direct.lights[0].transform[:, 2], abs=1e-6)
+    assert past.world.image == pytest.approx(direct.world.image, rel=1e-4)
+
+
+def test_colour_nodes_change_the_suns_light():
+    """As they do pixels."""
+    sky = new_sky(SINGLE)
+    sky.sun_disc = True
+    tree = sky.id_data
+    add_camera()
+    before = np.array(export_scene(depsgraph()).lights[0].irradiance)
+    node = tree.nodes.new("ShaderNodeVectorMath")
+    node.operation = "MULTIPLY"
+    node.inputs[1].default_value = (2.0, 0.5, 0.0)
+    tree.links.new(sky.outputs["Color"], node.inputs[0])
+    tree.links.new(node.outputs[0], tree.nodes["Background"].inputs["Color"])
+    assert export_scene(depsgraph()).lights[0].irradiance == pytest.approx(before * (2.0, 0.5, 0.0))
+    node.operation, node.inputs[1].default_value = "MINIMUM", (0.1, 0.1, 0.1)  # darker than the sky beside the disk
+    assert export_scene(depsgraph()).lights == []
+
+
+def test_the_sun_is_seen_by_the_rays_that_see_the_world():
+    new_sky(SINGLE).sun_disc = True
+    add_camera()
+    scene = bpy.context.scene
+    assert export_scene(depsgraph()).lights[0].visibility == engine.Visibility.ALL
+    scene.world.cycles_visibility.diffuse = False
+    assert not export_scene(depsgraph()).lights[0].visibility & engine.Visibility.DIFFUSE
+    scene.render.film_transparent = True  # the camera sees no world then
+    assert not export_scene(depsgraph()).lights[0].visibility & engine.Visibility.CAMERA
+    assert export_scene(depsgraph()).lights[0].visibility & engine.Visibility.GLOSSY
+
+
+@pytest.mark.parametrize(
+    ("kinds", "settings", "named"),
+    [
+        (SINGLE, {"air_density": 2.0, "altitude": 4000.0}, "air and altitude"),
+        (("PREETHAM",), {"turbidity": 5.0, "ground_albedo": 0.9}, "turbidity"),
+        (("HOSEK_WILKIE",), {"ground_albedo": 0.9}, "ground albedo"),
+    ],
+)
+def test_air_that_is_not_in_the_table_is_named(kinds, settings, named):
+    sky = new_sky(kinds)
+    add_camera()
+    assert export_scene(depsgraph()).warnings == []
+    for name, value in settings.items():
+        setattr(sky, name, value)
+    assert export_scene(depsgraph()).warnings == [f"world 'World': Sky Texture is drawn with its default {named}"]
+
+
+def test_sky_in_a_material_is_its_average():
+    new_world()
+    material, node = new_material("Wall", "ShaderNodeBsdfDiffuse")
+    sky = material.node_tree.nodes.new("ShaderNodeTexSky")
+    material.node_tree.links.new(sky.outputs["Color"], node.inputs["Color"])
+    floor = plane_mesh()
+    floor.materials.append(material)
+    add_object("Floor", floor)
     add_camera()
     scene = export_scene(depsgraph())
-    assert min(scene.world.color) > 0
+    assert min(scene.materials[-1].kd) > 0.1
     assert scene.warnings == [
-        "world 'World': Sky Texture is not supported: its average colour is drawn, without a sun and its shadows"
+        "material 'Wall': Sky Texture is drawn in its average colour: textures are not supported yet"
     ]
 
 

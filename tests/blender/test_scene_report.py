@@ -223,7 +223,7 @@ NAMED = {
     "light falloff": (None, "Light Falloff is supported for a quadratic falloff", "WARNING"),
     "gobo": (lambda: light_nodes("ShaderNodeTexNoise", "Color"), "Noise Texture is not supported", "WARNING"),
     "world volume": (world_volume, "volumes are not supported", "WARNING"),
-    "sky": (None, "Sky Texture is not supported", "WARNING"),
+    "sky": (None, "Sky Texture is drawn with its default turbidity", "APPROXIMATED"),
     "world hidden from transmission": (
         put(lambda: bpy.context.scene.world.cycles_visibility, transmission=False),
         "hiding it from transmission rays", "WARNING"),
@@ -341,7 +341,9 @@ def _():
 @makes("sky")
 def _():
     nodes = bpy.context.scene.world.node_tree
-    nodes.links.new(nodes.nodes.new("ShaderNodeTexSky").outputs[0], nodes.nodes["Background"].inputs["Color"])
+    sky = nodes.nodes.new("ShaderNodeTexSky")
+    sky.sky_type, sky.turbidity = "PREETHAM", 5.0
+    nodes.links.new(sky.outputs[0], nodes.nodes["Background"].inputs["Color"])
 
 
 @makes("bump on Toon")

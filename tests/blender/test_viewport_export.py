@@ -443,6 +443,28 @@ def test_world(viewport):
     assert scene.world.color == (0, 0, 0)
 
 
+def test_the_sun_of_a_sky(viewport):
+    """It is a lamp, and the objects' lamps stay as they are."""
+    tree = bpy.data.worlds["World"].node_tree
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    (lamp,) = viewport.scene.lights
+    scene, _ = viewport.after(lambda: tree.links.new(sky.outputs["Color"], tree.nodes["Background"].inputs["Color"]))
+    before = scene
+    assert len(before.lights) == 2 and before.lights[0] is lamp
+    placements = viewport.placements
+    scene, exported = viewport.after(lambda: setattr(sky, "sun_elevation", 1.0))
+    assert exported == (0, 0, 1) and viewport.placements == placements + 1  # that of `after` itself
+    assert scene.lights[0] is lamp and scene.instances is before.instances and scene.world is not before.world
+    assert scene.lights[1].transform[2, 2] == pytest.approx(np.sin(1.0), abs=1e-6)
+    light = bpy.data.lights["Lamp"]
+    again, _ = viewport.after(lambda: setattr(light, "energy", 2 * light.energy))
+    assert again.lights[1] is scene.lights[1] and again.lights[0] is not lamp and again.world is scene.world
+    again, _ = viewport.after(lambda: setattr(bpy.context.scene.render, "film_transparent", True))
+    assert again.lights[1].visibility != scene.lights[1].visibility
+    scene, _ = viewport.after(lambda: setattr(bpy.context.scene, "world", None))
+    assert [light.name for light in scene.lights] == ["Lamp"]
+
+
 @pytest.mark.parametrize("how", ["hide_set", "hide_viewport"])
 def test_hidden_and_shown_again(viewport, how):
     def hide(hidden: bool) -> None:

@@ -14,6 +14,7 @@ from ..changes import uid_of
 from ..faults import naming
 from ..images import MISSING, Images
 from ..notes import WARNING, Note, Notes
+from ..sky import mean_sky
 from ..stop import Stop
 from ..unsupported import note_material
 from .light_path import IN_MATERIALS
@@ -127,6 +128,9 @@ def export_material(material, notes: Notes, images: Images, stop: Stop) -> Mater
         return Material(name, holdout=True)
 
     def texture(_evaluator, slot: Slot) -> np.ndarray:
+        if slot.node.bl_idname == "ShaderNodeTexSky":
+            note(f"{node_label(slot.node)} is drawn in its average colour: textures are not supported yet")
+            return mean_sky(slot.node)
         return average_color(slot, images, note)
 
     walk = Walk(Evaluator(note, texture, IN_MATERIALS, stop.check))

@@ -20,6 +20,9 @@ from .tree import INLINED, Slot, is_phong_group, passes_on, route
 # Set by the files that define converters, see nodes_*.py: bl_idname -> function(Evaluator, Slot) -> value or None.
 VALUE_NODES: dict[str, Callable] = {}
 
+# What an Evaluator's `texture` converts.
+TEXTURES = ("ShaderNodeTexImage", "ShaderNodeTexEnvironment", "ShaderNodeTexSky")
+
 
 def value_node(*names: str):
     """Register a converter for nodes of these `bl_idname`s."""
@@ -36,7 +39,7 @@ class Evaluator:
     """Evaluates the sockets of one node tree, and names each kind of node that it can't honour once.
 
     note(sentence, level)  called with what is not drawn as asked; the level is WARNING unless given
-    texture         converter for image nodes, (Evaluator, Slot) -> value or None; it differs between materials
+    texture         converter for images and skies, (Evaluator, Slot) -> value or None; it differs between materials
                     (average colour) and worlds (the image itself)
     nearest         values that stand for nodes without a constant value, (bl_idname, output name) -> number
     check           called for each node; it raises once the user has cancelled
@@ -88,7 +91,7 @@ class Evaluator:
         if stand_in is not None:
             self.note(f"{node_label(node)} is not supported, '{slot.socket.name}' counts as {stand_in:g}")
             return np.array([stand_in])
-        if node.bl_idname in ("ShaderNodeTexImage", "ShaderNodeTexEnvironment"):
+        if node.bl_idname in TEXTURES:
             return self.texture(self, slot)
         convert = VALUE_NODES.get(node.bl_idname)
         value = convert(self, slot) if convert else None
