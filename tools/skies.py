@@ -38,6 +38,7 @@ def stage(kind: str):
     scene.cycles.pixel_filter_type = "BOX"
     scene.render.use_persistent_data = True  # what Cycles has made of the sky is kept while the camera turns
     world = scene.world = bpy.data.worlds.new("World")
+    world.cycles.sampling_method = "NONE"  # it lights nothing, and a map of it takes longer than the picture
     nodes, links = world.node_tree.nodes, world.node_tree.links
     nodes.clear()
     sky, background = nodes.new("ShaderNodeTexSky"), nodes.new("ShaderNodeBackground")
