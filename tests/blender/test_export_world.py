@@ -489,16 +489,32 @@ def test_colour_nodes_change_the_suns_light():
     assert export_scene(depsgraph()).lights == []
 
 
+def test_two_skies_have_a_sun_each():
+    sky = new_sky(SINGLE)
+    sky.sun_disc = True
+    tree = sky.id_data
+    add_camera()
+    (first,) = export_scene(depsgraph()).lights
+    second, add = tree.nodes.new("ShaderNodeTexSky"), tree.nodes.new("ShaderNodeVectorMath")
+    second.sky_type, second.sun_elevation = sky.sky_type, 1.2
+    tree.links.new(sky.outputs["Color"], add.inputs[0])
+    tree.links.new(second.outputs["Color"], add.inputs[1])
+    tree.links.new(add.outputs[0], tree.nodes["Background"].inputs["Color"])
+    suns = export_scene(depsgraph()).lights
+    assert sorted(sun.transform[2, 2] for sun in suns) == pytest.approx([np.sin(np.radians(25.0)), np.sin(1.2)])
+    low = min(suns, key=lambda sun: sun.transform[2, 2])
+    assert low.irradiance == pytest.approx(first.irradiance)
+
+
 def test_the_sun_is_seen_by_the_rays_that_see_the_world():
     new_sky(SINGLE).sun_disc = True
     add_camera()
     scene = bpy.context.scene
-    assert export_scene(depsgraph()).lights[0].visibility == engine.Visibility.ALL
     scene.world.cycles_visibility.diffuse = False
-    assert not export_scene(depsgraph()).lights[0].visibility & engine.Visibility.DIFFUSE
+    seen = engine.Visibility.ALL & ~engine.Visibility.DIFFUSE
+    assert export_scene(depsgraph()).lights[0].visibility == seen
     scene.render.film_transparent = True  # the camera sees no world then
-    assert not export_scene(depsgraph()).lights[0].visibility & engine.Visibility.CAMERA
-    assert export_scene(depsgraph()).lights[0].visibility & engine.Visibility.GLOSSY
+    assert export_scene(depsgraph()).lights[0].visibility == seen & ~engine.Visibility.CAMERA
 
 
 @pytest.mark.parametrize(
