@@ -316,6 +316,26 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         [(KERNELS + "staged.py", "@device\ndef _next_samples(", IN_MORTON_ORDER)],
     ),
     Trial(
+        "lanes moved to the front one by one",
+        "lanes moved to the front eight at a time, where the processor compresses none (AVX2)",
+        True,
+        "a table of 2 kB",
+        [
+            (
+                KERNELS + "simd/memory.py",
+                "(_store_permuted if _has_permutes(context) else _store_compressed)(",
+                "_store_compressed(",
+            )
+        ],
+    ),
+    Trial(
+        "passes of 1, 1, 2, 4, ... samples",
+        "small pictures in fewer passes, each of more samples of a pixel",
+        True,
+        "the first picture comes later",
+        [("engine/schedule.py", "FIRST_PASS_PATHS = 1 << 19", "FIRST_PASS_PATHS = 1")],
+    ),
+    Trial(
         "single rays",
         "packets for rays",
         True,

@@ -143,7 +143,7 @@ class Environment:
     def _sky(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
         node = slot.node
         if others := not_in_table(node):
-            self._note(f"{node_label(node)} is drawn with its default {' and '.join(others)}", APPROXIMATED)
+            self._note(f"{node_label(node)} is drawn with its default {' and '.join(others)}")
         if sun := sun_of(node):
             self.suns[slot.key] = sun
         self._shape = height, width = self._shape or SKY_SHAPE
