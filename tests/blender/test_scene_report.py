@@ -223,7 +223,7 @@ NAMED = {
     "light falloff": (None, "Light Falloff is supported for a quadratic falloff", "WARNING"),
     "gobo": (lambda: light_nodes("ShaderNodeTexNoise", "Color"), "Noise Texture is not supported", "WARNING"),
     "world volume": (world_volume, "volumes are not supported", "WARNING"),
-    "sky": (None, "Sky Texture is drawn with its default turbidity", "APPROXIMATED"),
+    "sky": (None, "Sky Texture is drawn with its default turbidity", "WARNING"),
     "world hidden from transmission": (
         put(lambda: bpy.context.scene.world.cycles_visibility, transmission=False),
         "hiding it from transmission rays", "WARNING"),

@@ -56,7 +56,9 @@ def test_lights_by_power_are_another_choice_between_children_and_nothing_else(tr
 def test_adaptive_sampling_decides_many_times_at_its_usual_threshold(trials):
     trial = trials.chosen(["adaptive sampling"])[0]
     assert "adaptive_threshold" not in trial.settings
-    decisions = [first + count for first, count in schedule(trial.samples) if first + count >= MIN_SAMPLES]
+    width, height = trials.parse([]).resolution
+    passes = schedule(trial.samples, width * height)
+    decisions = [first + count for first, count in passes if first + count >= MIN_SAMPLES]
     assert len(decisions) > 10 and decisions[-1] == trial.samples
 
 
