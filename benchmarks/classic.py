@@ -1,12 +1,12 @@
 """The two classic pictures: how soon Lobe's error is that of 16,384 plain samples, `python benchmarks/classic.py`.
 
 Plain samples are those of a path tracer without light sampling: light counts where the BSDF's own rays meet it. The
-same kernel renders them, without its light sampling. Both roads render each scene anew at 1, 4, 16, ... samples;
-errors are taken against a long render with other random numbers, in two halves that tell its noise, seconds from the
-scene's description to its picture. Lobe renders from several seeds; the plain road, which takes an hour, from one.
-"plain mean" is how far the mean of the plain picture is off the reference's: where light sampling alone finds some of
-the light, as that of points, the plain road never gets to the picture. Writes classic.csv, classic.md,
-classic_curves.csv and a plot of the curves of each scene to benchmarks/results/.
+same kernel renders them, without its light sampling. Both roads render the scene anew for each point of their curves;
+the plain road, which takes an hour, has one seed and few points. Errors are taken against a long render with other
+random numbers, in two halves that tell its noise, seconds from the scene's description to its picture. "plain mean" is
+how far the mean of the plain picture is off the reference's: where light sampling alone finds some of the light, as
+that of points, the plain road never gets to the picture. Writes classic.csv, classic.md, classic_curves.csv and a plot
+of the curves of each scene to benchmarks/results/.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tools.forcing import forced
 from tools.render import resolution, whole_number
 
 SCENES = "cornell_diffuse", "plates_phong"
-LEVEL_FACTOR = 4
+LEVEL_FACTOR, PLAIN_LEVEL_FACTOR = 4, 16
 SEED, REFERENCE_SEED = 1, 1001
 WANTED = 10.0  # seconds, at most, at 768 x 512
 
@@ -78,10 +78,9 @@ def rows_of(name: str, where: str, road: str, curves: Sequence[Curve]) -> list[d
     ]  # fmt: skip
 
 
-def levels(most: int) -> list[int]:
-    """1, 4, 16, ... and `most`."""
-    powers = [LEVEL_FACTOR**k for k in range(12) if LEVEL_FACTOR**k < most]
-    return [*powers, most]
+def levels(most: int, factor: int) -> list[int]:
+    """Numbers of samples that grow by the factor up to `most`."""
+    return [most // factor**k for k in range(most.bit_length()) if factor**k <= most][::-1]
 
 
 def curve(scene: Scene, settings: list[Settings], reference: np.ndarray, bar: tqdm) -> Curve:
@@ -106,7 +105,7 @@ def measure(name: str, options: argparse.Namespace) -> tuple[dict, list[Curve], 
     def plain() -> contextlib.AbstractContextManager[None]:
         return forced(lambda features: features._replace(emitter_choice=NO_EMITTER))
 
-    ours, theirs = levels(options.samples), levels(options.plain_samples)
+    ours, theirs = levels(options.samples, LEVEL_FACTOR), levels(options.plain_samples, PLAIN_LEVEL_FACTOR)
     half = options.reference_samples // 2
     total = 2 * half + options.seeds * sum(ours) + sum(theirs)
     with tqdm(total=total, desc=name, unit="spp", file=sys.stderr) as bar:

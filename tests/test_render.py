@@ -8,12 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scenes
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from engine import AreaLight, Material, Scene, SceneError, Settings, SettingsError, Visibility, World, render
 from engine.accel import Accel, BuildStopped
 from engine.kernels.embree import is_finite
 from engine.kernels.jit import kernel
 from engine.pack.geometry import pack_geometry
+from engine.schedule import PASS_SAMPLES, schedule
 
 QUICK = Settings(samples=8, threads=2)
 
@@ -50,6 +53,22 @@ def test_stop_takes_effect_at_once_and_keeps_the_picture():
     result = render(scene, replace(QUICK, samples=1 << 20), stop=stop.is_set)
     assert result.stopped and result.samples < 1 << 20
     assert result.pixels[..., :3].max() > 0
+
+
+@settings(deadline=None, derandomize=True)
+@given(total=st.integers(1, 5000), pixels=st.integers(1, 1 << 26))
+def test_passes_have_each_sample_once_and_never_more_than_a_tile_holds(total, pixels):
+    passes = list(schedule(total, pixels))
+    assert [sample for first, count in passes for sample in range(first, first + count)] == list(range(total))
+    assert max(count for _, count in passes) <= PASS_SAMPLES
+
+
+def test_a_large_picture_stands_after_one_sample_a_pixel():
+    assert list(schedule(64, 1920 * 1080)) == [(0, 1), (1, 1), (2, 2), (4, 4), (8, 8), (16, 16), (32, 32)]
+
+
+def test_a_small_picture_begins_with_a_pass_worth_its_time():
+    assert list(schedule(64, 256 * 256)) == [(0, 8), (8, 8), (16, 16), (32, 32)]
 
 
 def test_a_build_ends_when_it_is_told_to():

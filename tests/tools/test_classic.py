@@ -12,7 +12,7 @@ def classic(script):
 
 
 def test_levels_end_at_the_most(classic):
-    assert [classic.levels(most) for most in (1, 16, 20)] == [[1], [1, 4, 16], [1, 4, 16, 20]]
+    assert [classic.levels(most, 4) for most in (1, 16, 20)] == [[1], [1, 4, 16], [1, 5, 20]]
 
 
 @pytest.mark.parametrize(("error", "seconds"), [(0.25, 2.0), (0.125, 4.0), (2.0, 0.5), (0.01, np.nan)])
