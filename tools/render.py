@@ -1,12 +1,12 @@
 """Render a .blend on the command line, without a Blender program: `python tools/render.py FILE.blend -o OUT.png`.
 
 Standard error carries a progress bar; standard output says which files were written, a line each, and its last line is
-one JSON object: {"engine", "samples", "seconds": {"export", "build", "compile", "render", "denoise", "other", "total"},
-"rays", "peak_memory_mb", "skipped", "warnings"}; what Cycles does not tell is null, and "other" is what Blender does
-beside the phases. With --check nothing is rendered: standard output lists what Lobe does not draw as asked, counted,
-and the exit code is 1 if anything can't be rendered or isn't drawn as asked, and 0 if all is drawn as asked, or nearly
-so. What the user can mend is said in one line, with exit code 2. Ctrl-C ends it at once with exit code 130; pictures are
-there whole or not at all.
+one JSON object: {"engine", "samples", "seconds": {"export", "build", "compile", "render", "denoise", "other",
+"total"}, "rays", "peak_memory_mb", "skipped", "warnings"}; what Cycles does not tell is null, and "other" is what
+Blender does beside the phases. With --check nothing is rendered: standard output lists what Lobe does not draw as
+asked, counted, and the exit code is 1 if anything can't be rendered or isn't drawn as asked, and 0 if all is drawn as
+asked, or nearly so. What the user can mend is said in one line, with exit code 2. Ctrl-C ends it at once with exit
+code 130; pictures are there whole or not at all.
 """
 
 from __future__ import annotations
