@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import hashlib
+import math
 import platform
 import re
 import sys
@@ -139,7 +140,8 @@ def update_table(
         old = [row for row in old if not row[keys[0]].startswith(SUMMARY)]
     fresh = {tuple(row[k] for k in keys) for row in rows}
     together = [row for row in old if tuple(row[k] for k in keys) not in fresh] + rows
-    together.sort(key=lambda row: tuple(row[k] for k in keys))
+    together.sort(key=lambda row: tuple(by_value(row[k]) for k in keys))
+    count = len(together)
     if summary is not None:
         together += summary(together)
     with path.open("w", newline="") as file:
@@ -148,9 +150,16 @@ def update_table(
         writer.writerows(together)
     fresh_rows, kept_rows = (["; ".join(row[k] for k in keys) for row in some] for some in (rows, old))
     keep_makers(name, fresh_rows, kept_rows, folder)
-    count = len({*fresh_rows, *kept_rows})
     path.with_suffix(".md").write_text(note + markdown(together) + made_by(name, count, folder))
     return markdown(rows)
+
+
+def by_value(text: str) -> tuple[float, str]:
+    """To sort by: numbers by their value, before any other text."""
+    try:
+        return float(text), ""
+    except ValueError:
+        return math.inf, text
 
 
 def keep_makers(name: str, fresh: list[str], kept: list[str], folder: Path) -> None:

@@ -49,6 +49,21 @@ def test_a_table_says_what_its_rows_were_measured_on(common, monkeypatch):
     assert last_line() == "Measured on: 1 of 3 rows: old, AVX2, engine e2; 2 of 3 rows: not recorded."
 
 
+def test_rows_that_share_their_keys_are_counted_each(common, monkeypatch):
+    """As the levels of a curve do."""
+    monkeypatch.setattr(common, "engine_digest", lambda: "e1")
+    monkeypatch.setattr(common, "processor", lambda: "old, AVX2")
+    for scene in "ab":
+        common.update_table("t", ("scene",), [{"scene": scene, "samples": samples} for samples in (1, 4)])
+    assert (common.RESULTS / "t.md").read_text().splitlines()[-1] == "Measured on: 4 of 4 rows: old, AVX2, engine e1."
+
+
+def test_rows_stand_in_the_order_of_their_numbers(common):
+    common.update_table("t", ("lamps", "number"), [{"lamps": "sun", "number": n} for n in (100, 20, 1.5)])
+    common.update_table("t", ("lamps", "number"), [{"lamps": "area", "number": 3}])
+    assert (common.RESULTS / "t.csv").read_text() == "lamps,number\narea,3\nsun,1.5\nsun,20\nsun,100\n"
+
+
 def test_processor_and_engine_have_names(common):
     assert common.processor().strip() and len(common.engine_digest()) == 10
 
