@@ -206,6 +206,8 @@ def previews():
         while not (len(icons) > before and pixels().std() > 0.01) and time.perf_counter() - begun < 60:
             yield 0.1
         yield 1.0
+        # While an engine's Python runs, on whatever thread, Blender lets no other call operators.
+        yield from until(lambda: not bpy.app.is_job_running("RENDER_PREVIEW"))
         SEEN["preview"][datablock.name] = float(pixels().std())
         SEEN["icons"][datablock.name] = icons[before:]
 
