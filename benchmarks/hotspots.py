@@ -5,14 +5,17 @@
 
 Linux's `perf` takes some thousand samples a second of where the processor is while each sample scene renders on one
 thread; binutils' `addr2line` says which functions of the kernel, inlined into each other as they all are, an address
-belongs to. Each sample counts for the part that asked: a table's lookup for the light tree if that looked it up. Writes
-hotspots.csv and .md, or hotspots_scale.csv and .md, into benchmarks/results/; benchmarks/goals.py quotes both. Shares
-of a few per cent depend on how LLVM mixes what it inlines.
+belongs to. Each sample counts for the part that asked: a table's lookup for the light tree if that looked it up. Those
+outside of machine code that Lobe has made count for whose library they are in. Samples count while a render's samples
+are taken, not in the checks, the packing and the end of a render. Writes hotspots.csv and .md, or hotspots_scale.csv
+and .md, into benchmarks/results/; benchmarks/goals.py quotes both. Shares of a few per cent depend on how LLVM mixes
+what it inlines.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -24,7 +27,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
 
 import common
 import scale_scenes
@@ -52,7 +58,15 @@ PARTS = {
     "rays to and from Embree": ("rays", "embree"),
     "paths, their states": ("staged", "batch", "path", "tile", "records"),
 }
-EMBREE, OTHER = "Embree", "everything else"
+EMBREE, NOTING, OTHER = "Embree", "lamps that Embree asks about", "everything else"
+# Of what is in none of Lobe's machine code, by the name of its library, the first that fits.
+LIBRARIES = {
+    EMBREE: ("embree",),
+    "Python": ("python", "numpy", "numba", "llvmlite"),
+    "C library": ("libc.so", "libc-", "libm.so", "libm-", "libpthread", "ld-linux"),
+    "operating system": ("[kernel", "[vdso", "[guest"),
+}
+NAMED, ELSE = 3, "most of everything else"  # by symbol and library, in the table's last column
 
 
 def part_of(chain: list[str]) -> str:
@@ -64,6 +78,34 @@ def part_of(chain: list[str]) -> str:
     return OTHER
 
 
+def part_of_library(library: str) -> str:
+    """library: the path or name that `perf` gives."""
+    name = Path(library).name if library.startswith("/") else library
+    return next((part for part, names in LIBRARIES.items() if any(one in name for one in names)), OTHER)
+
+
+class Sample(NamedTuple):
+    """time: seconds, as `time.perf_counter` has them on Linux"""
+
+    time: float
+    address: int
+    symbol: str
+    library: str
+
+
+class Code(NamedTuple):
+    """Machine code that was compiled in the process: what `file` holds lies at `address`, `size` bytes of it.
+    part: what all its samples count for; empty: they count by their lines."""
+
+    file: str
+    address: int
+    size: int
+    part: str
+
+
+Stretch = tuple[float, float]  # of time, from and to
+
+
 def measure(scene: str | Number, options: argparse.Namespace) -> dict[str, str]:
     """A row of the table, of a sample scene or any .blend, or of one of scale_scenes."""
     with tempfile.TemporaryDirectory() as folder:
@@ -72,22 +114,28 @@ def measure(scene: str | Number, options: argparse.Namespace) -> dict[str, str]:
         task = json.dumps([scene, options.resolution, options.seconds, folder])
         command = [sys.executable, __file__, "--render", task]
         subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, check=True)
-        counted = _parts(Path(folder))
+        samples, codes, phases = _recorded(Path(folder))
+        counted, others = parts(samples, codes, phases)
         a_render = float((Path(folder) / "seconds.txt").read_text())
-    return row(scene, counted, a_render, options)
+    return row(scene, counted, others, a_render, options)
 
 
-def row(scene: str | Number, counted: Counter[str], a_render: float, options: argparse.Namespace) -> dict[str, str]:
-    """counted: samples of each part; a_render: seconds, which are told of scenes that stand beside larger ones."""
+def row(
+    scene: str | Number, counted: Counter[str], others: Counter[str], a_render: float, options: argparse.Namespace
+) -> dict[str, str]:
+    """counted: samples of each part; others: of everything else, by name; a_render: seconds, which are told of scenes
+    that stand beside larger ones."""
     total = counted.total()
-    shares = {part: f"{counted[part] / total:.0%}" for part in (EMBREE, *PARTS, OTHER)}
+    names = dict.fromkeys((EMBREE, NOTING, *PARTS, *LIBRARIES, OTHER))
+    shares = {part: f"{counted[part] / total:.0%}" for part in names}
+    most = [f"{name} ({number / total:.1%})" for name, number in others.most_common(NAMED)]
     size = "{}x{}".format(*options.resolution)
     if isinstance(scene, str):
-        return {"scene": scene, "resolution": size, "samples": str(total), **shares}
+        return {"scene": scene, "resolution": size, "samples": str(total), **shares, ELSE: ", ".join(most)}
     kind, count = scene
     number = f"{count:.0e}".replace("e+0", "e")
     return {"scene": kind, "number": number, "resolution": size, "s a render": f"{a_render:.4f}",
-            "samples": str(total), **shares}  # fmt: skip
+            "samples": str(total), **shares, ELSE: ", ".join(most)}  # fmt: skip
 
 
 def exported(scene: str | Number, size: tuple[int, int]):
@@ -108,10 +156,11 @@ def exported(scene: str | Number, size: tuple[int, int]):
 
 
 def render_and_record(scene_of: str | Number, size: tuple[int, int], duration: float, folder: Path) -> None:
-    """What `measure` runs. Leaves perf.data, kernel.o and where that was in memory in the folder, and how many seconds
-    a render took."""
+    """What `measure` runs. Leaves perf.data, machine code and where that was in memory in the folder, from when to when
+    samples were taken, and how many seconds a render took."""
     common.enable_lobe()
-    from bl_ext.user_default.lobe.engine import Prepared, render
+    from bl_ext.user_default.lobe.engine import Prepared, render, schedule
+    from bl_ext.user_default.lobe.engine.kernels.embree import lamp_filter
     from bl_ext.user_default.lobe.engine.pack import pack
     from bl_ext.user_default.lobe.engine.tiles import tile_kernel
 
@@ -120,43 +169,98 @@ def render_and_record(scene_of: str | Number, size: tuple[int, int], duration: f
     render(scene, settings, prepared=prepared)  # compiles
     packed = pack(scene, settings)
     (compiled,) = tile_kernel(packed.features).overloads.values()
-    function = compiled.fndesc.llvm_func_name
-    (folder / "kernel.o").write_bytes(compiled.library._get_compiled_object())
-    (folder / "place.json").write_text(json.dumps([function, compiled.library.get_pointer_to_function(function)]))
-    command = ["perf", "record", "-q", "-F", str(FREQUENCY), "-e", "cpu-clock", "-p", str(os.getpid())]
-    perf = subprocess.Popen([*command, "-o", str(folder / "perf.data")])
+    name, noting = compiled.fndesc.llvm_func_name, lamp_filter()
+    address = compiled.library.get_pointer_to_function(name)
+    codes = [
+        _left_behind(folder / "kernel.o", compiled.library, name, address, ""),
+        _left_behind(folder / "noting.o", noting._library, noting._wrapper_name, noting.address, NOTING),
+    ]
+    (folder / "codes.json").write_text(json.dumps(codes))
+    command = ["perf", "record", "-q", "-F", str(FREQUENCY), "-e", "cpu-clock", "-k", "CLOCK_MONOTONIC"]
+    perf = subprocess.Popen([*command, "-p", str(os.getpid()), "-o", str(folder / "perf.data")])
     time.sleep(WARMING_UP)
     begun, taken = time.perf_counter(), []
-    while time.perf_counter() - begun < duration:
-        taken.append(render(scene, settings, prepared=prepared).seconds["render"])
+    with noted_phases(schedule._Render, "_passes") as phases:
+        while time.perf_counter() - begun < duration:
+            taken.append(render(scene, settings, prepared=prepared).seconds["render"])
     (folder / "seconds.txt").write_text(str(statistics.median(taken)))
+    (folder / "phases.json").write_text(json.dumps(phases))
     perf.send_signal(signal.SIGINT)
     perf.wait()
 
 
-def _parts(folder: Path) -> Counter[str]:
-    """Samples of each part."""
-    function, address = json.loads((folder / "place.json").read_text())
-    kernel = folder / "kernel.o"
-    symbols = _lines("nm", str(kernel))
-    start = next(int(line.split()[0], 16) for line in symbols if line.endswith(f" {function}"))
-    end = kernel.stat().st_size
+@contextlib.contextmanager
+def noted_phases(owner: type, method: str) -> Iterator[list[Stretch]]:
+    """Within, each call of the method adds to the list from when to when it went."""
+    original, phases = getattr(owner, method), []
+
+    def noted(*arguments):
+        begun = time.perf_counter()
+        try:
+            return original(*arguments)
+        finally:
+            phases.append((begun, time.perf_counter()))
+
+    with mock.patch.object(owner, method, noted):
+        yield phases
+
+
+def _left_behind(file: Path, library, function: str, address: int, part: str) -> Code:
+    """Of one of Numba's libraries, which has a function of this name at this address."""
+    file.write_bytes(library._get_compiled_object())
+    return code_of(file, function, address, part)
+
+
+def code_of(file: Path, function: str, address: int, part: str) -> Code:
+    """Of an object file: all functions lie in one section, which is loaded as a whole."""
+    lines = [line.split() for line in _lines("nm", "-S", "--defined-only", str(file))]
+    places = {words[3]: (int(words[0], 16), int(words[1], 16)) for words in lines if words[2] in "tTwW"}
+    size = max(start + length for start, length in places.values())
+    return Code(str(file), address - places[function][0], size, part)
+
+
+def _recorded(folder: Path) -> tuple[Iterator[Sample], list[Code], list[Stretch]]:
+    """What `render_and_record` has left behind."""
+    lines = _lines("perf", "script", "-i", str(folder / "perf.data"), "-F", "time,ip,sym,dso", "--ns")
+    codes, phases = (json.loads((folder / name).read_text()) for name in ("codes.json", "phases.json"))
+    return parsed(lines), [Code(*code) for code in codes], phases
+
+
+def parsed(lines: Iterable[str]) -> Iterator[Sample]:
+    """Of what `perf script` prints. Paths may have brackets and blanks."""
+    for line in lines:
+        found = re.match(r"\s*([0-9.]+):\s+([0-9a-f]+) (.*?) \((.*)\)$", line)
+        if found is not None:
+            yield Sample(float(found[1]), int(found[2], 16), found[3], found[4])
+
+
+def parts(
+    samples: Iterable[Sample], codes: Sequence[Code], phases: Sequence[Stretch]
+) -> tuple[Counter[str], Counter[str]]:
+    """(samples of each part within the phases, of everything else by symbol and library)"""
     counted: Counter[str] = Counter()
-    inside: Counter[int] = Counter()
-    for line in _lines("perf", "script", "-i", str(folder / "perf.data"), "-F", "ip,dso"):
-        found = re.match(r"\s*([0-9a-f]+) .*?\((.*)\)$", line)
-        if found is None:
+    others: Counter[str] = Counter()
+    inside: dict[Code, Counter[int]] = {code: Counter() for code in codes}
+    for sample in samples:
+        if not any(begun <= sample.time <= ended for begun, ended in phases):
             continue
-        offset = int(found[1], 16) - address + start
-        if "embree" in found[2]:
-            counted[EMBREE] += 1
-        elif 0 <= offset < end and not found[2].endswith(".so"):
-            inside[offset] += 1
-        else:
-            counted[OTHER] += 1
-    for offset, chain in _chains(kernel, sorted(inside)).items():
-        counted[part_of(chain)] += inside[offset]
-    return counted
+        code = next((code for code in codes if 0 <= sample.address - code.address < code.size), None)
+        if code is not None:
+            inside[code][sample.address - code.address] += 1
+            continue
+        part = part_of_library(sample.library)
+        counted[part] += 1
+        if part == OTHER:
+            others[f"{sample.symbol} of {Path(sample.library).name}"] += 1
+    for code, offsets in inside.items():
+        if code.part:
+            counted[code.part] += offsets.total()
+            continue
+        for offset, chain in _chains(Path(code.file), sorted(offsets)).items():
+            counted[part_of(chain)] += offsets[offset]
+            if part_of(chain) == OTHER:
+                others[f"{chain[0].partition(':')[0] if chain else 'no line'} of the kernel"] += offsets[offset]
+    return counted, others
 
 
 def _chains(kernel: Path, offsets: list[int]) -> dict[int, list[str]]:
