@@ -21,7 +21,7 @@ from benchmarks import ceiling  # noqa: E402
 
 def test_rays_are_recorded_whole_and_replayed(repository: Path, tmp_path: Path) -> None:
     """The tool itself refuses a recording that isn't as long as the render says."""
-    words = ["cornell_diffuse", "lamps", "--ceiling", "--resolution", "16x16", "--seeds", "2"]
+    words = ["cornell_diffuse", "lamps", "--ceiling", "--resolution", "64x64", "--seeds", "2"]
     command = [sys.executable, "tools/bench.py", *words, "--results", str(tmp_path)]
     done = subprocess.run(command, cwd=repository, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -29,9 +29,10 @@ def test_rays_are_recorded_whole_and_replayed(repository: Path, tmp_path: Path) 
         rows = {row["scene"]: row for row in csv.DictReader(file)}
     assert set(rows) == {"cornell_diffuse", "lamps"}
     for row in rows.values():
-        assert float(row["M rays"]) >= 0.01  # of the camera alone 16 * 16 * 16 samples
+        assert float(row["M rays"]) >= 0.06  # of the camera alone 64 * 64 * 16 samples
         assert 10 < int(row["shadow rays"].rstrip("%")) < 60
         assert float(row["rays that end otherwise"]) < 1e-3
+        assert 0 < float(row["copying, taken off the replay"].rstrip("%")) < 100
         assert float(row["render / replay"].split()[0]) > 0.0
         assert row["wanted: at most"] == "1.25"
 
@@ -70,6 +71,32 @@ def test_too_many_rays_that_end_otherwise_are_refused() -> None:
     assert ceiling.agreeing(10, recording) == 10
     with pytest.raises(ToolError, match="11 of 10000 rays end otherwise when they are traced again"):
         ceiling.agreeing(11, recording)
+
+
+def test_copying_reads_each_ray_and_meets_nothing(recorded) -> None:
+    """The loop without Embree leaves the last ray where Embree would have found it."""
+    from bl_ext.user_default.lobe.engine.kernels.embree import new_ray
+
+    recording, packed, _ = recorded
+    ray = new_ray(packed.lights.shape_count)
+    words, trace = ray.view(np.uint32), ceiling._replay_kernel(False, traces=False)
+    shadows = recording.records[recording.records[:, ceiling.CALL] == ceiling.OCCLUDED]
+    for records in (recording.records, shadows):
+        assert trace(packed.accel.address, records, ray, words) == 0
+        assert np.array_equal(words[: ceiling.RAY_WORDS], records[-1, : ceiling.RAY_WORDS])
+    assert ceiling.copying(recording, packed, 2) > 0
+
+
+def test_copying_is_taken_off_by_the_least_that_it_takes(monkeypatch) -> None:
+    assert list(ceiling.without_copying([3.0, 4.0], [1.0, 2.0])) == [2.0, 3.0]
+    with pytest.raises(ToolError, match="a larger picture"):
+        ceiling.without_copying([3.0, 1.0], [1.0, 2.0])
+    monkeypatch.setattr(ceiling, "replay", lambda *_: 3.0)
+    monkeypatch.setattr(ceiling, "copying", lambda *_: 1.0)
+    monkeypatch.setattr(ceiling.metrics, "median_ratio", lambda a, b: (b[0], 0.0, 0.0))
+    row = ceiling.measure("lamps", (16, 16), 1, 1, 2)
+    assert row["copying, taken off the replay"] == "33.3%"
+    assert row["render / replay"].startswith("2.00 ")
 
 
 @pytest.mark.parametrize("fault", ["lost", "shortened", "masked"])
