@@ -94,6 +94,11 @@ def curve(scene: Scene, settings: list[Settings], reference: np.ndarray, bar: tq
     return Curve(samples, seconds, errors, float(result.pixels[..., :3].mean(dtype=float) / reference.mean() - 1))
 
 
+def plain_road() -> contextlib.AbstractContextManager[None]:
+    """Within, renders are without light sampling."""
+    return forced(lambda features: features._replace(emitter_choice=NO_EMITTER))
+
+
 def measure(name: str, options: argparse.Namespace) -> tuple[dict, list[Curve], Curve]:
     """A row of the table, Lobe's curves and the plain one."""
     common.prepare(common.scene_path(name), options.resolution, options.threads)
@@ -101,9 +106,6 @@ def measure(name: str, options: argparse.Namespace) -> tuple[dict, list[Curve], 
 
     def settings(samples: int, seed: int = SEED) -> Settings:
         return Settings(samples=samples, seed=seed, threads=options.threads, pixel_filter="BOX")
-
-    def plain() -> contextlib.AbstractContextManager[None]:
-        return forced(lambda features: features._replace(emitter_choice=NO_EMITTER))
 
     ours, theirs = levels(options.samples, LEVEL_FACTOR), levels(options.plain_samples, PLAIN_LEVEL_FACTOR)
     half = options.reference_samples // 2
@@ -119,7 +121,7 @@ def measure(name: str, options: argparse.Namespace) -> tuple[dict, list[Curve], 
             curve(scene, [settings(n, seed) for n in ours], reference, bar)
             for seed in range(SEED, SEED + options.seeds)
         ]
-        with plain():
+        with plain_road():
             render(scene, settings(1))
             plain_curve = curve(scene, [settings(n) for n in theirs], reference, bar)
     goal = float(plain_curve.error[-1])
