@@ -11,8 +11,10 @@
 What is compared is rendered in turn, round by round, in one process; ratios are of one round, and a column gives their
 median with the smallest and the largest. "render" is the phase in which samples are taken. The time until the first
 sample is that of a picture of 4 x 4 pixels and one sample, from pressing F12 to the end, less "evaluation": the same
-with an engine that does nothing, which neither can avoid. Memory is the most that a process holds which makes the scene
-and renders it once, from the end of the making on. Tables go to benchmarks/results/scale_*.csv and .md.
+with an engine that does nothing, which neither can avoid. Of so many triangles that the engine has Embree's compact
+leaves, which are slower to trace, the render is also made with full ones, as smaller scenes have them: the step between
+the two is told from what the number itself costs. Memory is the most that a process holds which makes the scene and
+renders it once, from the end of the making on. Tables go to benchmarks/results/scale_*.csv and .md.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ import os
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,7 +39,6 @@ import common
 import numpy as np
 import scale_scenes as scenes
 from common import br
-from export_build import add_idle_engine
 from tqdm import tqdm
 
 from tools import metrics
@@ -46,6 +49,9 @@ INSTANCES = 500_000
 EMITTERS = (10**2, 10**3, 10**4, 10**5)  # at most scale_scenes.SMALL_TRIANGLES
 ENGINES = ("IDLE", "LOBE", "CYCLES")
 BYTES_A_TRIANGLE = 400  # of memory, roughly: all scenes of `triangles`, and the engine that needs more
+FULL = "the same, full leaves"
+CROWD = 64  # threads that ask for tiles
+EMPTY_TILES = 4096
 Rounds = dict[Any, list[dict]]
 
 
@@ -73,6 +79,19 @@ def render(scene, engine: str, size: tuple[int, int], samples: int, threads: int
     scene.lobe.samples = samples
     br.set_engine(scene, engine)
     return br.render(scene)
+
+
+def add_idle_engine() -> None:
+    """The engine IDLE: takes part in everything that Blender does for a render, and traces nothing."""
+    import bpy
+
+    class IdleEngine(bpy.types.RenderEngine):
+        bl_idname, bl_label = "IDLE", "Idle"
+
+        def render(self, depsgraph):
+            self.end_result(self.begin_result(0, 0, self.resolution_x, self.resolution_y))
+
+    bpy.utils.register_class(IdleEngine)
 
 
 def seconds(reports: list[dict], phase: str) -> np.ndarray:
@@ -138,6 +157,8 @@ def triangles(options: argparse.Namespace) -> str:
         steps[short(count), "render"] = partial(
             render, scene, "LOBE", options.resolution, options.samples, options.threads
         )
+        if has_compact_leaves(count):
+            steps[short(count), FULL] = partial(render_with_full_leaves, scene, options)
     found = in_turn(steps, options.runs, "triangles")
     rows = triangle_rows(counts, found, options)
     return common.update_table(
@@ -145,8 +166,23 @@ def triangles(options: argparse.Namespace) -> str:
     )
 
 
+def has_compact_leaves(count: int) -> bool:
+    """Whether the engine takes those leaves of Embree's for a terrain that need less memory and are slower."""
+    from bl_ext.user_default.lobe.engine import accel
+
+    return scenes.terrain_triangles(count) > accel._MOST_IN_FULL
+
+
+def render_with_full_leaves(scene, options: argparse.Namespace) -> dict:
+    from bl_ext.user_default.lobe.engine import accel
+
+    with mock.patch.object(accel, "_MOST_IN_FULL", math.inf):
+        return render(scene, "LOBE", options.resolution, options.samples, options.threads)
+
+
 def triangle_rows(counts: Sequence[int], found: Rounds, options: argparse.Namespace) -> list[dict]:
-    """found: the rounds of ("1e3", "LOBE") and so on, and of ("1e3", "render")."""
+    """found: the rounds of ("1e3", "LOBE") and so on, of ("1e3", "render"), and of ("1e7", FULL) where the engine takes
+    compact leaves."""
     base = seconds(found[short(counts[0]), "render"], "render")
     of_engines = [{engine: found[short(count), engine] for engine in ENGINES} for count in counts]
     first = [np.median(own(seconds(e["LOBE"], "total"), seconds(e["IDLE"], "total"))) for e in of_engines]
@@ -157,6 +193,7 @@ def triangle_rows(counts: Sequence[int], found: Rounds, options: argparse.Namesp
             "rounds": options.runs,
             "threads": options.threads,
             f"render / that of {short(counts[0])}": ratio_text(seconds(found[short(count), "render"], "render"), base),
+            FULL: ratio_text(seconds(full, "render"), base) if (full := found.get((short(count), FULL))) else "",
             **preparation(engines),
             "Lobe grows with the power": "" if math.isnan(power) else f"{power:.2f}",
             "wanted": "Lobe / Cycles at most 1",
@@ -299,7 +336,8 @@ def render_with_lists(scene, most: int, options: argparse.Namespace) -> dict:
 
 def threads(options: argparse.Namespace) -> str:
     """Beside two threads of one process stand two processes, which share nothing but the machine: what they don't
-    reach, as where two processors are one core's, threads can't."""
+    reach, as where two processors are one core's, threads can't. Only one thread at a time has Python's lock, so what a
+    tile needs of it limits how many threads find work: a render of one thread takes so many times as long."""
     rows = []
     for name in common.SCENES:
         scene = common.prepare(common.scene_path(name), options.resolution, 2)
@@ -312,6 +350,7 @@ def threads(options: argparse.Namespace) -> str:
             steps["two processes"] = partial(longest, pair)
             found = in_turn(steps, options.runs, name)
         one, two, alone, beside = (seconds(reports, "render") for reports in found.values())
+        tiles, by_one, by_many = handing_out(name, options)
         rows.append({
             "scene": name,
             "resolution": "{}x{}".format(*options.resolution),
@@ -319,9 +358,42 @@ def threads(options: argparse.Namespace) -> str:
             "pairs": options.runs,
             "render, one thread / two": ratio_text(one, two),
             "two processes' work in the time of one's": ratio_text(2 * alone, beside),
+            "tiles": tiles,
+            "under Python's lock, µs a tile": f"{by_one * 1e6:.0f}",
+            f"the same, {CROWD} threads": f"{by_many * 1e6:.0f}",
+            "of one thread's render": f"{tiles * by_one / np.median(one):.2%}",
+            "enough for, threads": f"{np.median(one) / (tiles * max(by_one, by_many)):.0f}",
             "wanted": "at least 1.9",
         })  # fmt: skip
     return common.update_table("scale_threads", ("scene", "resolution", "samples"), rows, folder=options.results)
+
+
+def handing_out(name: str, options: argparse.Namespace) -> tuple[int, float, float]:
+    """(tiles of a render of a sample scene, seconds for each tile without pixels that one thread takes, and of those
+    that many take at the same time)"""
+    from benchmarks import ceiling
+
+    scene, settings = ceiling.export(name, options.resolution, options.samples, 1)
+    from bl_ext.user_default.lobe.engine import schedule, tiles
+    from bl_ext.user_default.lobe.engine.film import Film
+    from bl_ext.user_default.lobe.engine.pack import pack
+
+    packed, film = pack(scene, settings), Film(scene.render_region, scene.exposure)
+    passes = schedule.schedule(settings.samples, film.samples.size)
+    count = sum(len(list(tiles.tiles_of(film.region, samples))) for _, samples in passes)
+
+    def empty(thread_count: int) -> float:
+        shared = tiles.Shared(iter([(0, 0, 0, 0)] * EMPTY_TILES))
+        work = (packed, settings, film, None, shared, 0, 1, np.zeros(1, np.uint8))
+        with ThreadPoolExecutor(thread_count) as pool:
+            begun = time.perf_counter()
+            for future in [pool.submit(tiles.render_tiles, *work) for _ in range(thread_count)]:
+                future.result()
+            return (time.perf_counter() - begun) / EMPTY_TILES
+
+    empty(1)  # loads the kernel
+    by_one, by_many = (float(np.median([empty(number) for _ in range(options.runs)])) for number in (1, CROWD))
+    return count, by_one, by_many
 
 
 class Apart:

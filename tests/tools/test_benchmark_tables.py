@@ -75,7 +75,7 @@ def test_rows_of_another_form_are_dropped(common):
 
 
 @pytest.mark.parametrize("name", [
-    "classic", "denoise", "export_build", "hotspots", "materials", "packages", "parity", "passes", "scale", "speed",
+    "classic", "denoise", "hotspots", "materials", "packages", "parity", "passes", "scale", "speed",
     "startup", "trials", "viewport",
 ])  # fmt: skip
 def test_a_trial_run_can_write_elsewhere(script, repository, tmp_path, name):

@@ -13,6 +13,7 @@ import pytest
 
 from engine.pack.lamps import MOST_LISTED_FLAT
 from tools import metrics
+from tools.lobe_blender import enable_lobe
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,10 @@ def test_rows_of_triangles(scale):
     assert second["render / that of 1e3"] == "1.25 (1.25 to 1.25)"
     assert (first["Lobe / Cycles"], second["Lobe / Cycles"]) == ("0.50 (0.50 to 0.50)", "2.00 (2.00 to 2.00)")
     assert (first["Lobe grows with the power"], second["Lobe grows with the power"]) == ("", "1.00")
+    assert first[scale.FULL] == second[scale.FULL] == ""
+    found["1e4", scale.FULL] = reports(4.4, 4.4)
+    _, second = scale.triangle_rows(counts, found, options)
+    assert second[scale.FULL] == "1.10 (1.10 to 1.10)"
     assert "1.00 + 0.250 log10(triangles / 1e3)" in scale.triangle_note(counts, found)
     assert "1e5, 1e6, 1e7" in scale.triangle_note(counts, found)
 
@@ -146,6 +151,40 @@ code = scale.main()
 print("\\n".join(seen), file=sys.stderr)  # Blender has taken standard output
 sys.exit(code)
 """
+
+
+def test_leaves_of_huge_meshes_are_rendered_full_too(scale, monkeypatch):
+    """Where the engine takes the compact ones; and only in that render."""
+    enable_lobe()
+    from bl_ext.user_default.lobe.engine import accel
+
+    asked: list[tuple[str, float]] = []
+    monkeypatch.setattr(scale, "render", lambda scene, *_: asked.append((scene, accel._MOST_IN_FULL)))
+    assert [count for count in scale.TRIANGLES if scale.has_compact_leaves(count)] == [10**7]
+    usual = accel._MOST_IN_FULL
+    scale.render_with_full_leaves("terrain", scale.parse(["triangles"]))
+    assert asked == [("terrain", math.inf)] and usual == accel._MOST_IN_FULL
+
+
+def test_tiles_without_pixels_are_all_taken(scale, monkeypatch):
+    """By one thread and by many; the render's own are counted."""
+    enable_lobe()
+    from bl_ext.user_default.lobe.engine import tiles
+
+    taken: list[int] = []
+    one_thread = tiles.render_tiles
+
+    def counting(packed, settings, film, adaptive, shared, *rest):
+        own = list(shared)
+        taken.append(len(own))
+        return one_thread(packed, settings, film, adaptive, iter(own), *rest)
+
+    monkeypatch.setattr(tiles, "render_tiles", counting)
+    options = scale.parse(["threads", "--runs", "1", "--resolution", "64x64", "--samples", "2"])
+    count, by_one, by_many = scale.handing_out("lamps", options)
+    assert count == 4  # a batch of paths in each
+    assert sum(taken) == 3 * scale.EMPTY_TILES and len(taken) == 2 + scale.CROWD
+    assert by_one > 0 and by_many > 0
 
 
 def test_two_processes_take_as_long_as_the_slower(scale):
