@@ -2,8 +2,9 @@
 
 A trial is an edit of a copy of the engine, or another setting. The engine as it is and the trial's render a sample
 scene in turn, from the same seeds, each in a process that is new for each scene. What counts is relMSE times the
-seconds of the render phase: above 1, the engine is better as it is. Writes trials.csv and trials.md to
-benchmarks/results/, and the list of what was tried into benchmarks/README.md.
+seconds of the render phase: above 1, the engine is better as it is. What depends on how far apart the rays of
+neighbouring pixels are, and on how long a pass is, is tried on large pictures of a few samples. Writes trials.csv and
+trials.md to benchmarks/results/, and the list of what was tried into benchmarks/README.md.
 
 Seconds are the median of pairs, relMSE is the mean over the seeds, without the reference's own. Standard errors are by
 the bootstrap over the seeds, of the very ratio that is reported. What differs from process to process and not from
@@ -29,7 +30,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,38 +38,49 @@ from typing import NamedTuple
 
 import common
 import numpy as np
+import trial_edits as edits
 from common import br
+from llvmlite import binding
 from scipy import stats
 from tqdm import tqdm
 
-from benchmarks.convergence.reference import TRIM
+from benchmarks.convergence.reference import TRIM, Reference, make_reference
 from benchmarks.convergence.tables import quote
 from engine import Scene
 from engine.kernels import rows
 from engine.kernels.batch import BATCH, COLUMNS, new_batch
+from engine.kernels.embree import PACKET_WIDTH
 from engine.lighttree import build_light_tree
 from engine.pack import sobol_table
-from tools import metrics
 from tools.exported import exported
 from tools.render import resolution, whole_number
 
-KERNELS = "engine/kernels/"
+KERNELS = edits.KERNELS
 REFERENCE_SEED = 10_001
-REFERENCES = 4  # renders that make a reference together, so that its noise is known
+REFERENCES = 4  # renders that make a reference together, so that its noise is known: an even number
 MARKS = "<!-- the list of trials.py -->\n", "<!-- its end -->\n"
 KEYS = "instead", "scene"
+COST, NOWHERE = "relMSE x seconds", "none"
 RESAMPLES = 1000
 CONFIDENCE = 0.95
 FIREFLIES = 0.5  # share of the relMSE in a thousandth of the pixels from which on these are left out of the verdict
 WORKER = Path(__file__).resolve().parent / "trial_worker.py"
 
 
+class Need(NamedTuple):
+    """What a machine has to have for an edit to change anything. otherwise: what is said instead of a figure."""
+
+    holds: Callable[[], bool]
+    otherwise: str
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """name: what stands in the technique's place.  edits: (file, text, other text); every occurrence is replaced, and
     there has to be one.  tried: the technique.  kept: the engine has it, and the trial is without it; otherwise the
-    other way round.  price: what it takes, other than seconds.  settings: other ones.  samples: of both, where the
-    usual number is too few; half as many pairs then have to do, as long renders scatter less."""
+    other way round.  price: what it takes, other than seconds.  settings: other ones.  samples, resolution: of both,
+    where the usual ones are too few and too small; half as many pairs then have to do, as long renders scatter less.
+    scenes: on which it changes anything, or which show it; empty: all.  need: see `Need`."""
 
     name: str
     tried: str
@@ -77,9 +89,43 @@ class Trial:
     edits: Sequence[tuple[str, str, str]] = ()
     settings: dict = field(default_factory=dict)
     samples: int | None = None
+    resolution: tuple[int, int] | None = None
+    scenes: tuple[str, ...] = ()
+    need: Need | None = None
 
     def pairs(self, seeds: int) -> int:
         return seeds if self.samples is None else max(2, seeds // 2)
+
+    @property
+    def changes_nothing(self) -> bool:
+        """What noise there is between processes is judged by it."""
+        return not self.edits and not self.settings
+
+
+# Rays of a pixel's neighbours lie as close together as in a picture that somebody wants, and passes are as long.
+LARGE: dict = {"resolution": (768, 512), "samples": 8}
+GLOSSY = "plates_phong", "lamps"
+SHOWN = "cornell_diffuse", "world", "many_lights"  # by large pictures: scenes without instances
+
+
+def compresses_lanes() -> bool:
+    return bool(binding.get_host_cpu_features().get("avx512f"))
+
+
+def permutes_lanes() -> bool:
+    """As `_has_permutes` in engine/kernels/simd/memory.py."""
+    return bool(binding.get_host_cpu_features().get("avx2")) and not compresses_lanes()
+
+
+def reserves_huge_pages() -> bool:
+    """Embree asks for reserved ones; that others become huge it tells the system in any case."""
+    files = [Path("/proc/sys/vm") / name for name in ("nr_hugepages", "nr_overcommit_hugepages")]
+    return any(file.is_file() and int(file.read_text()) > 0 for file in files)
+
+
+WIDE_PACKETS = Need(lambda: PACKET_WIDTH > 8, "not on this processor: its packets are of eight")
+PERMUTES = Need(permutes_lanes, "not on this processor: it compresses by itself, or can't permute")
+RESERVED = Need(reserves_huge_pages, "not on this system: it has no pages reserved")
 
 
 def bytes_of_tree(emitters: int = 1000) -> str:
@@ -89,64 +135,9 @@ def bytes_of_tree(emitters: int = 1000) -> str:
     return f"{(tree.nodes.nbytes + tree.paths.nbytes) / emitters:.0f} bytes an emitter"
 
 
-# What a sphere covers is sampled by way of any of its points, of which a ray meets two.
-BY_AREA_OF_SPHERE = """\
-    height, ring = ONE - TWO * u1, radius * TWO * math.sqrt(u1 * (ONE - u1))
-    sine, cosine = sin_cos_turn(u2)
-    wi, _ = direction_and_length(
-        (to_center[0] + ring * cosine, to_center[1] + ring * sine, to_center[2] + radius * height)
-    )
-    t, pdf = _both_points(to_center, radius, wi)
-"""
-BOTH_POINTS = '''@device
-def _both_points(to_center, radius, wi):
-    """(distance of the nearer point, density of points uniform in area)"""
-    along, off = dot(to_center, wi), cross(to_center, wi)
-    half = math.sqrt(max(radius * radius - dot(off, off), SMALL))
-    near, far = along - half, along + half
-    return near, (near * near + far * far) / (TWO * TWO * PI * radius * half)
-
-
-@device
-def sample_sphere('''
-
-# In place of x a counter, whose even bits are the column in the tile and whose odd bits are the row.
-IN_MORTON_ORDER = """@device
-def _even_bits(m):
-    found = NONE
-    for bit in range(16):
-        found |= ((m >> (2 * bit)) & 1) << bit
-    return found
-
-
-@device
-def _next_samples(batch, tile, first_sample, sample_count, origin, active, x, y, done):
-    words, n, adaptive = batch.sample_words, NONE, active.size > 1
-    side = 1
-    while side < max(tile[2] - tile[0], tile[3] - tile[1]):
-        side *= 2
-    while n < BATCH and y < tile[3]:
-        column, row = tile[0] + _even_bits(x - tile[0]), tile[1] + _even_bits((x - tile[0]) >> 1)
-        within = column < tile[2] and row < tile[3] and done < sample_count
-        if within and (not adaptive or active[row - origin[1], column - origin[0]]):
-            words[rows.X, n], words[rows.Y, n] = np.uint32(column), np.uint32(row)
-            words[rows.INDEX, n] = np.uint32(first_sample + done)
-            n, done = n + 1, done + 1
-            continue
-        done, x = NONE, x + 1
-        if x - tile[0] >= side * side:
-            y = tile[3]
-    return n, x, y, done
-
-
-@device
-def _next_samples_by_rows("""
-
-# What noise there is between processes is judged by it.
-UNCHANGED = Trial("the same engine", "nothing", True, "none")
-
 TRIALS = (
-    UNCHANGED,
+    Trial("the same engine", "nothing", True, "none"),
+    Trial("the same engine, large pictures", "nothing, in large pictures", True, "none", scenes=SHOWN, **LARGE),
     Trial(
         "independent random numbers",
         "tabulated Owen-scrambled Sobol points",
@@ -226,6 +217,28 @@ TRIALS = (
         ],
     ),
     Trial(
+        "a light tree that knows the lobe",
+        "light tree for glossy receivers: a cluster's importance times the Phong lobe's value toward it",
+        False,
+        "five numbers a path, an exponential for each node",
+        edits.TREE_FOR_GLOSS,
+        scenes=GLOSSY,
+    ),
+    Trial(
+        "one of four light samples",
+        "product sampling of light and lobe: of four light samples one, by what each would bring",
+        False,
+        "three more light samples for each shadow ray",
+        edits.ONE_OF_FOUR,
+    ),
+    Trial(
+        "two light samples at the first vertex",
+        "splitting: two light samples at the first vertex",
+        False,
+        "memory for twice the shadow rays",
+        edits.TWO_LIGHT_SAMPLES,
+    ),
+    Trial(
         "groups of lights by even shares",
         "lamps, suns and world chosen by what each sends",
         True,
@@ -257,24 +270,7 @@ TRIALS = (
         "solid-angle sampling of spheres",
         True,
         "none",
-        [
-            (
-                KERNELS + "light/spherical.py",
-                """\
-    local = uniform_cone(u1, u2, cap)
-    sine_squared = local[0] * local[0] + local[1] * local[1]
-    wi, pdf = to_world(local, axis), uniform_cone_pdf(cap)
-    t = d * local[2] - math.sqrt(max(r_squared - d_squared * sine_squared, ZERO))
-""",
-                BY_AREA_OF_SPHERE,
-            ),
-            (
-                KERNELS + "light/spherical.py",
-                "    outside_pdf = uniform_cone_pdf(one_minus_cos(min(r_squared / d_squared, ONE)))\n",
-                "    _, outside_pdf = _both_points(to_center, radius, wi)\n",
-            ),
-            (KERNELS + "light/spherical.py", "@device\ndef sample_sphere(", BOTH_POINTS),
-        ],
+        edits.SPHERES_BY_AREA,
     ),
     Trial(
         "adaptive sampling",
@@ -283,6 +279,15 @@ TRIALS = (
         "a second sum for each pixel; it is an option",
         settings={"use_adaptive_sampling": True},
         samples=512,
+    ),
+    Trial(
+        "samples by the errors of neighbours",
+        "samples where the error is, unbiased in the mean: by what a pixel's neighbours show after the first ones",
+        False,
+        "a second sum for each pixel, tiles of unequal cost",
+        edits.SAMPLES_BY_NEIGHBOURS,
+        settings={"use_adaptive_sampling": True},
+        samples=edits.MOST_SAMPLES,
     ),
     Trial(
         "path by path",
@@ -313,7 +318,9 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         "Morton order of the pixels in a tile",
         False,
         "code",
-        [(KERNELS + "staged.py", "@device\ndef _next_samples(", IN_MORTON_ORDER)],
+        edits.IN_MORTON_ORDER,
+        scenes=SHOWN,
+        **LARGE,
     ),
     Trial(
         "lanes moved to the front one by one",
@@ -327,6 +334,7 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
                 "_store_compressed(",
             )
         ],
+        need=PERMUTES,
     ),
     Trial(
         "passes of 1, 1, 2, 4, ... samples",
@@ -336,11 +344,22 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         [("engine/schedule.py", "FIRST_PASS_PATHS = 1 << 19", "FIRST_PASS_PATHS = 1")],
     ),
     Trial(
+        "passes of many samples in large pictures",
+        "large pictures in fewer passes too",
+        False,
+        "the first picture comes later",
+        [("engine/schedule.py", "FIRST_PASS_PATHS = 1 << 19", "FIRST_PASS_PATHS = 1 << 23")],
+        scenes=(*SHOWN, "instances"),
+        **LARGE,
+    ),
+    Trial(
         "single rays",
         "packets for rays",
         True,
         "code",
         [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return False")],
+        scenes=(*SHOWN, "instances"),
+        **LARGE,
     ),
     Trial(
         "packets for the camera's rays alone",
@@ -354,6 +373,8 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
                 "return not AS_WRITTEN and first",
             )
         ],
+        scenes=SHOWN,
+        **LARGE,
     ),
     Trial(
         "packets for all rays",
@@ -361,6 +382,8 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         False,
         "none",
         [(KERNELS + "rays.py", "return not AS_WRITTEN and (first or not f.instances)", "return not AS_WRITTEN")],
+        scenes=("instances",),
+        **LARGE,
     ),
     Trial(
         "packets of eight rays",
@@ -368,6 +391,9 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         True,
         "none",
         [(KERNELS + "embree.py", "PACKET_WIDTH = _packet_width()", "PACKET_WIDTH = min(_packet_width(), 8)")],
+        scenes=SHOWN,
+        need=WIDE_PACKETS,
+        **LARGE,
     ),
     Trial(
         "packets that aren't said to be alike",
@@ -375,6 +401,8 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         True,
         "where surfaces coincide, hits depend on the packet",
         [(KERNELS + "embree.py", "_ALIKE = np.uint32(1 << 16)", "_ALIKE = np.uint32(0)")],
+        scenes=(*SHOWN, "instances"),
+        **LARGE,
     ),
     Trial(
         "a batch of 256 paths",
@@ -382,6 +410,8 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         True,
         f"{new_batch(0).nbytes // BATCH} bytes a path and thread",
         [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 256")],
+        scenes=SHOWN,
+        **LARGE,
     ),
     Trial(
         "a batch of 4,096 paths",
@@ -389,6 +419,8 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         False,
         f"{new_batch(0).nbytes // BATCH} bytes a path and thread",
         [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 4096")],
+        scenes=SHOWN,
+        **LARGE,
     ),
     Trial(
         "eight numbers in a register",
@@ -424,6 +456,9 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         False,
         "none",
         [("engine/accel.py", 'f"user_threads=', 'f"hugepages=1,user_threads=')],
+        scenes=(*SHOWN, "instances"),
+        need=RESERVED,
+        **LARGE,
     ),
 )
 
@@ -475,24 +510,9 @@ def edited(folder: Path, trial: Trial | None) -> None:
         path.write_text(text.replace(old, new))
 
 
-class Reference(NamedTuple):
-    """picture (h, w, 3) float64 and, as large, the variance of each of its numbers, relative as relMSE is."""
-
-    picture: np.ndarray
-    noise: np.ndarray
-
-    def errors(self, picture: np.ndarray) -> tuple[float, float]:
-        """relMSE of a picture, the reference's own taken off: whole, and without the worst 0.1 % of the pixels."""
-        raw = metrics.rel_errors(picture, self.picture).ravel()
-        net, best = raw - self.noise.ravel(), np.argsort(raw)[: metrics.kept_by_trimming(raw.size, TRIM)]
-        return float(net.mean()), float(net[best].mean())
-
-
-def make_reference(pictures: Iterable[np.ndarray]) -> Reference:
-    """From renders of as many samples and other seeds."""
-    renders = np.stack([picture.astype(np.float64) for picture in pictures])
-    mean = renders.mean(axis=0)
-    return Reference(mean, renders.var(axis=0, ddof=1) / len(renders) / (mean**2 + metrics.REL_MSE_EPSILON))
+def reference_from(renders: np.ndarray, samples: int) -> Reference:
+    """renders (REFERENCES, h, w, 3), of so many samples each, from other seeds."""
+    return make_reference(renders[::2], renders[1::2], samples)
 
 
 # Rows of `compare`'s arrays, and of `log_ratios` behind those.
@@ -542,64 +562,79 @@ def standard_errors(usual: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.std(drawn, axis=0) * math.sqrt(n / (n - 1))
 
 
+Place = tuple[str, tuple[int, int]]  # a scene, and the resolution of its picture
+
+
+def places(trial: Trial, options) -> list[Place]:
+    return [(name, trial.resolution or options.resolution) for name in trial.scenes or common.SCENES]
+
+
 class Measuring:
     """Rows of trials, which are measured unless an earlier run has left their figures."""
 
-    def __init__(self, scenes: dict[str, Scene], folder: Path, options):
+    def __init__(self, scenes: Mapping[Place, Scene], folder: Path, options):
         """folder: for copies of the engine, empty."""
         self._scenes, self._folder, self._options = scenes, folder, options
-        self._digests = {name: hashlib.sha256(pickle.dumps(scene)).hexdigest() for name, scene in scenes.items()}
+        self._digests = {place: hashlib.sha256(pickle.dumps(scene)).hexdigest() for place, scene in scenes.items()}
         edited(folder / "usual", None)
 
-    def of(self, trials: Sequence[Trial]) -> Iterator[tuple[Trial, dict[str, tuple[np.ndarray, np.ndarray]]]]:
-        """Each trial with `compare`'s arrays of each scene. Of as many trials as there are threads kernels are compiled
-        at the same time, as each compiles on one."""
-        usual = [UNCHANGED]  # the engine as it is, with the first for which anything is missing
+    def of(self, trials: Sequence[Trial]) -> Iterator[tuple[Trial, dict[Place, tuple[np.ndarray, np.ndarray]]]]:
+        """Each trial with `compare`'s arrays of each scene, of none where the machine lacks what it needs. Of as many
+        trials as there are threads kernels are compiled at the same time, as each compiles on one."""
+        compiled: set[Place] = set()  # by the engine as it is
         for some in groups(trials, self._options.threads):
-            if missing := [trial for trial in some if self._missing(trial)]:
-                with ThreadPoolExecutor(self._options.threads) as pool:
-                    list(pool.map(self._compile, dict.fromkeys(usual + missing)))
-                usual = []
+            missing = {trial: self._missing(trial) for trial in some}
+            usual = {place for places_of in missing.values() for place in places_of} - compiled
+            compiled |= usual
+            work = [(None, sorted(usual)), *((t, found) for t, found in missing.items() if not t.changes_nothing)]
+            with ThreadPoolExecutor(self._options.threads) as pool:
+                list(pool.map(lambda one: self._compile(*one), [one for one in work if one[1]]))
             for trial in some:
-                yield trial, {name: self._compared(trial, name) for name in self._scenes}
+                yield trial, {place: self._compared(trial, place) for place in self._places(trial)}
                 shutil.rmtree(self._folder / trial.name, ignore_errors=True)
 
-    def _compared(self, trial: Trial, name: str) -> tuple[np.ndarray, np.ndarray]:
+    def _places(self, trial: Trial) -> list[Place]:
+        return places(trial, self._options) if trial.need is None or trial.need.holds() else []
+
+    def _compared(self, trial: Trial, place: Place) -> tuple[np.ndarray, np.ndarray]:
         def measured():
             engines = self._folder / "usual", self._engine(trial)
-            return compare(engines, trial, self._scenes[name], self._reference(name), self._options)
+            return compare(engines, trial, self._scenes[place], self._reference(place), self._options)
 
-        usual, other = kept(self._file(trial, name), measured)
+        usual, other = kept(self._file(trial, place), measured)
         return usual, other
 
-    def _reference(self, name: str) -> Reference:
+    def _reference(self, place: Place) -> Reference:
+        samples = reference_samples(place, self._options)
+
         def rendered():
             with contextlib.closing(Worker(self._folder / "usual")) as usual:
-                return reference_of(self._scenes[name], usual, self._options)
+                return [reference_renders(self._scenes[place], usual, samples, self._options)]
 
-        return Reference(*kept(self._file(None, name), rendered))
+        (renders,) = kept(self._file(None, place), rendered)
+        return reference_from(renders, samples)
 
-    def _missing(self, trial: Trial) -> list[str]:
-        return [name for name in self._scenes if not self._file(trial, name).is_file()]
+    def _missing(self, trial: Trial) -> list[Place]:
+        return [place for place in self._places(trial) if not self._file(trial, place).is_file()]
 
-    def _compile(self, trial: Trial) -> None:
-        engine = self._engine(trial)
-        if engine != self._folder / "usual":
-            edited(engine, trial)
-        with contextlib.closing(Worker(engine)) as worker:
-            for name in self._scenes if trial is UNCHANGED else self._missing(trial):
-                worker.load(self._scenes[name])
+    def _compile(self, trial: Trial | None, places_of: Sequence[Place]) -> None:
+        """The kernels of these scenes. None: of the engine as it is."""
+        if trial is not None and trial.edits:
+            edited(self._folder / trial.name, trial)
+        with contextlib.closing(Worker(self._engine(trial))) as worker:
+            for place in places_of:
+                worker.load(self._scenes[place])
                 worker.render(settings_of(trial, 1, self._options, seed=0))
 
-    def _engine(self, trial: Trial) -> Path:
+    def _engine(self, trial: Trial | None) -> Path:
         """Another setting needs no other engine."""
-        return self._folder / (trial.name if trial.edits else "usual")
+        return self._folder / (trial.name if trial is not None and trial.edits else "usual")
 
-    def _file(self, trial: Trial | None, name: str) -> Path:
+    def _file(self, trial: Trial | None, place: Place) -> Path:
         """Named by all that decides what is measured. None: the reference."""
         asked = self._options
         way = inspect.getsource(compare), inspect.getsource(make_reference), WORKER.read_text()
-        of_all = common.engine_digest(), way, self._digests[name], asked.reference_samples
+        of_all = common.engine_digest(), way, self._digests[place], reference_samples(place, asked)
         of_trial = (
             (trial.name, trial.edits, trial.settings, trial.samples, trial.pairs(asked.seeds), asked.samples,
              asked.threads, common.processor()) if trial else ()
@@ -624,8 +659,9 @@ def groups(trials: Sequence[Trial], size: int) -> Iterator[Sequence[Trial]]:
         yield trials[first : first + size]
 
 
-def row(trial: Trial, scene: str, usual: np.ndarray, other: np.ndarray) -> dict[str, str]:
+def row(trial: Trial, place: Place, usual: np.ndarray, other: np.ndarray, options) -> dict[str, str]:
     """Of the table, from `compare`'s arrays."""
+    scene, size = place
     whole, trimmed = usual[WHOLE:].mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):  # of errors that are none: refused just below
         logs, errors = log_ratios(usual, other), standard_errors(usual, other)
@@ -635,14 +671,24 @@ def row(trial: Trial, scene: str, usual: np.ndarray, other: np.ndarray) -> dict[
     return {
         "instead": trial.name,
         "scene": scene,
+        "resolution": "{}x{}".format(*size),
+        "samples": str(trial.samples or options.samples),
         "pairs": str(usual.shape[1]),
-        "relMSE x seconds": ratios[WHOLE_COST],
+        COST: ratios[WHOLE_COST],
         "the same, trimmed": ratios[TRIMMED_COST],
         "seconds": ratios[SECONDS],
         "relMSE": ratios[WHOLE],
         "trimmed relMSE": ratios[TRIMMED],
         "in the worst pixels": f"{1 - trimmed * (1 - TRIM) / whole:.0%}",
     }
+
+
+def row_without(trial: Trial) -> dict[str, str]:
+    """Of the table, where the machine lacks what the trial needs."""
+    assert trial.need is not None
+    names = ("the same, trimmed", "seconds", "relMSE", "trimmed relMSE", "in the worst pixels")
+    return {"instead": trial.name, "scene": NOWHERE, "resolution": "", "samples": "", "pairs": "",
+            COST: trial.need.otherwise, **dict.fromkeys(names, "")}  # fmt: skip
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -673,9 +719,9 @@ def run(options: argparse.Namespace, say) -> None:
     trials = chosen(options.names)
     common.enable_lobe()
     scenes = {}
-    for name in common.SCENES:
-        common.prepare(common.scene_path(name), options.resolution, options.threads)
-        scenes[name] = exported()
+    for name, size in dict.fromkeys(place for trial in trials for place in places(trial, options)):
+        common.prepare(common.scene_path(name), size, options.threads)
+        scenes[name, size] = exported()
     if options.fresh:
         shutil.rmtree(options.store, ignore_errors=True)
     try:
@@ -694,7 +740,9 @@ def tabulated(trials: Sequence[Trial], measuring: Measuring, options: argparse.N
     table = ""
     for trial, measured in tqdm(measuring.of(trials), total=len(trials), file=sys.stderr):
         try:
-            found += [row(trial, name, *engines) for name, engines in measured.items()]
+            found += [row(trial, place, *engines, options) for place, engines in measured.items()]
+            if not measured:
+                found.append(row_without(trial))
             table = common.update_table("trials", KEYS, found, folder=options.results, note=NOTE)
         except br.ToolError as error:
             refused.append(str(error))
@@ -703,12 +751,18 @@ def tabulated(trials: Sequence[Trial], measuring: Measuring, options: argparse.N
     return table
 
 
-def reference_of(scene: Scene, usual: Worker, options: argparse.Namespace) -> Reference:
+def reference_samples(place: Place, options) -> int:
+    """Of each of its renders: for all of them those that the options say for their resolution, in larger pictures as
+    many samples on fewer for each pixel."""
+    width, height = place[1]
+    usual_width, usual_height = options.resolution
+    return max(1, options.reference_samples * usual_width * usual_height // (width * height * REFERENCES))
+
+
+def reference_renders(scene: Scene, usual: Worker, samples: int, options: argparse.Namespace) -> np.ndarray:
     usual.load(scene)
-    samples = max(1, options.reference_samples // REFERENCES)
-    return make_reference(
-        usual.render(settings_of(None, samples, options, seed=REFERENCE_SEED + k))[0] for k in range(REFERENCES)
-    )
+    asked = [settings_of(None, samples, options, seed=REFERENCE_SEED + k) for k in range(REFERENCES)]
+    return np.stack([usual.render(settings)[0] for settings in asked])
 
 
 def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Path = common.RESULTS) -> None:
@@ -717,34 +771,47 @@ def quote_list(page: Path = common.ROOT / "benchmarks" / "README.md", folder: Pa
 
 def section(table: list[dict[str, str]]) -> str:
     """What stands in benchmarks/README.md: the list and where it comes from, or that there is none."""
-    if not table or not set(KEYS) <= set(table[0]):
+    if not table or not {*KEYS, "resolution"} <= set(table[0]):
         return "Not measured yet.\n"
     text = list_of_tried(table)
-    trimmed = sorted({row["scene"] for row in table if has_fireflies(row)})
+    trimmed = sorted({row["scene"] for row in table if row["scene"] != NOWHERE and has_fireflies(row)})
     if trimmed:
         text += f"\nOf relMSE without its worst 0.1 % of pixels, as those hold most of it: {', '.join(trimmed)}.\n"
-    if variance := between_processes(table).variance:
-        text += f"\nFrom process to process the same render's time differs by {math.sqrt(variance):.1%}.\n"
+    for size in sorted({row["resolution"] for row in table if row["scene"] != NOWHERE}):
+        if variance := between_processes(table, size).variance:
+            text += f"\nFrom process to process the same render's time differs by {math.sqrt(variance):.1%} ({size}).\n"
     return text + "\nScene by scene: [trials.md](results/trials.md).\n"
 
 
 def list_of_tried(table: list[dict[str, str]]) -> str:
     """Of each technique, relMSE x seconds without it over that with it."""
-    noise, lines = between_processes(table), []
+    lines = []
     for trial in TRIALS:
-        found = [cost_of(row) for row in table if row["instead"] == trial.name]
-        if found and trial is not UNCHANGED:
-            gain, scenes = gain_of(found, trial.kept, noise)
-            lines.append(
-                {
-                    "tried": trial.tried,
-                    "gain": gain,
-                    "least and most": scenes,
-                    "price": trial.price() if callable(trial.price) else trial.price,
-                    "kept": "yes" if trial.kept else "no",
-                }
-            )
+        rows_of = [row for row in table if row["instead"] == trial.name]
+        found = [row for row in rows_of if row["scene"] != NOWHERE]
+        if not rows_of or trial.changes_nothing:
+            continue
+        gain, scenes, where = rows_of[0][COST], "", ""
+        if found:
+            noise = between_processes(table, found[0]["resolution"])
+            gain, scenes = gain_of([cost_of(row) for row in found], trial.kept, noise)
+            where = f"{found[0]['resolution']}, {found[0]['samples']} samples, {scenes_of(found)}"
+        lines.append(
+            {
+                "tried": trial.tried,
+                "gain": gain,
+                "least and most": scenes,
+                "pictures": where,
+                "price": trial.price() if callable(trial.price) else trial.price,
+                "kept": "yes" if trial.kept else "no",
+            }
+        )
     return common.markdown(lines) if lines else ""
+
+
+def scenes_of(found: list[dict[str, str]]) -> str:
+    names = [row["scene"] for row in found]
+    return "all samples" if set(names) == set(common.SCENES) else ", ".join(names)
 
 
 class Cost(NamedTuple):
@@ -759,7 +826,7 @@ class Cost(NamedTuple):
 
 def cost_of(row: dict[str, str]) -> Cost:
     """Of a row of trials.csv."""
-    log, variance = logarithm(row["the same, trimmed" if has_fireflies(row) else "relMSE x seconds"])
+    log, variance = logarithm(row["the same, trimmed" if has_fireflies(row) else COST])
     return Cost(row["scene"], log, variance, int(row["pairs"]))
 
 
@@ -782,10 +849,12 @@ class Noise(NamedTuple):
     pairs: int
 
 
-def between_processes(table: list[dict[str, str]]) -> Noise:
-    """From where the two engines are the same, beyond what the renders' own scatter explains: the mean is known to be
-    0, so each pair of processes is a degree of freedom."""
-    logs = [logarithm(row["seconds"]) for row in table if row["instead"] == UNCHANGED.name]
+def between_processes(table: list[dict[str, str]], size: str) -> Noise:
+    """Of pictures of this size, from where the two engines are the same, beyond what the renders' own scatter explains:
+    the mean is known to be 0, so each pair of processes is a degree of freedom."""
+    names = [trial.name for trial in TRIALS if trial.changes_nothing]
+    same = [row for row in table if row["instead"] in names and row["resolution"] == size]
+    logs = [logarithm(row["seconds"]) for row in same]
     variance = float(np.mean([log**2 - variance for log, variance in logs])) if logs else 0.0
     return Noise(max(variance, 0.0), len(logs))
 
@@ -815,8 +884,8 @@ NOTE = f"""\
 Multiples of the engine's own, with the standard error by the bootstrap over the seeds; above 1 the engine is better as
 it is. Seconds are of the render phase, the median of pairs; relMSE is without that of the reference, the mean over the
 seeds. Trimmed: without the worst 0.1 % of a picture's numbers. "In the worst pixels" is the share of the engine's own
-relMSE that those hold; from {FIREFLIES:.0%} on, the list of what was tried takes what is trimmed. "{UNCHANGED.name}"
-has no edit: what its seconds are off 1 is noise.
+relMSE that those hold; from {FIREFLIES:.0%} on, the list of what was tried takes what is trimmed. "The same engine" has
+no edit: what its seconds are off 1 is noise. Without figures are trials that would change nothing on this machine.
 
 """
 

@@ -31,8 +31,34 @@ def test_each_edit_finds_its_text(trials, tmp_path):
     for k, trial in enumerate(trials.TRIALS):
         trials.edited(tmp_path / str(k), trial)
         Settings(**trial.settings).validate()
-        assert bool(trial.edits or trial.settings) == (trial is not trials.UNCHANGED)
+        assert set(trial.scenes) <= set(trials.common.SCENES)
+        assert trial.changes_nothing == trial.tried.startswith("nothing")
     assert len({trial.name for trial in trials.TRIALS}) == len({trial.tried for trial in trials.TRIALS}) == k + 1
+
+
+def test_what_depends_on_the_size_is_tried_on_large_pictures(trials):
+    """Where rays of neighbours lie close together, by packets and the order of pixels, and where passes are long."""
+    large = {trial.name for trial in trials.TRIALS if trial.resolution == (768, 512)}
+    packets = {trial.name for trial in trials.TRIALS if trial.name.startswith(("packets", "single rays", "a batch"))}
+    assert packets and packets <= large
+    assert {"pixels of a tile in Morton order", "huge pages for Embree", "the same engine, large pictures"} <= large
+
+
+@pytest.mark.parametrize(("name", "features", "holds"), [
+    ("lanes moved to the front one by one", {"avx2": True, "avx512f": False}, True),
+    ("lanes moved to the front one by one", {"avx2": True, "avx512f": True}, False),
+    ("lanes moved to the front one by one", {}, False),
+])  # fmt: skip
+def test_what_a_processor_lacks_is_known(trials, monkeypatch, name, features, holds):
+    monkeypatch.setattr(trials.binding, "get_host_cpu_features", lambda: features)
+    assert trials.chosen([name])[0].need.holds() == holds
+
+
+def test_packets_of_sixteen_are_what_narrower_ones_are_compared_with(trials, monkeypatch):
+    need = trials.chosen(["packets of eight rays"])[0].need
+    for width, holds in ((16, True), (8, False), (4, False)):
+        monkeypatch.setattr(trials, "PACKET_WIDTH", width)
+        assert need.holds() == holds
 
 
 def edited(trials, name: str, folder: Path) -> Path:
@@ -167,9 +193,9 @@ def test_the_reference_gives_back_what_it_adds(trials):
     """Pictures without any error measure the reference's own noise, and it is taken off again."""
     random, truth = np.random.default_rng(7), np.full((64, 64, 3), 0.7)
     noisy = [truth + random.normal(0, 0.02, truth.shape) for _ in range(trials.REFERENCES)]
-    reference = trials.make_reference(noisy)
+    reference = trials.reference_from(np.stack(noisy), 1)
     own = 0.02**2 / trials.REFERENCES / (0.7**2 + metrics.REL_MSE_EPSILON)
-    assert reference.noise.mean() == pytest.approx(own, rel=0.05)
+    assert reference.noise == pytest.approx(own, rel=0.05)
     assert abs(reference.errors(truth)[0]) < 0.05 * own
     off = truth + random.normal(0, 0.01, truth.shape)
     assert reference.errors(off)[0] == pytest.approx(own, rel=0.05)  # 0.01 is half of 0.02
@@ -179,12 +205,17 @@ def test_the_reference_gives_back_what_it_adds(trials):
     assert whole > 1 and abs(trimmed) < 0.05 * own
 
 
+SIZE = "120x80"
+
+
 def rows_of(trials, name: str, *costs: float, spread: float = 0.02, share: str = "10%", seconds=1.0) -> list[dict]:
     """Of trials.csv, as so many scenes: costs with a standard error of `spread`, four times those where trimmed."""
     return [
         {
             "instead": name,
             "scene": f"scene {k}",
+            "resolution": SIZE,
+            "samples": "64",
             "pairs": "8",
             "relMSE x seconds": f"{cost:.3f} ± {cost * spread:.3f}",
             "the same, trimmed": f"{cost * 4:.3f} ± {cost * 4 * spread:.3f}",
@@ -206,8 +237,21 @@ def test_the_list_of_what_was_tried_turns_gains_about(trials):
     kept, other = rows_of(trials, "no roulette", 1.25, 1.25), rows_of(trials, "balance heuristic", 1.25, 1.25)
     roulette, balance = listed(trials, kept + other)
     assert roulette[1].startswith("1.25 (1.2") and balance[1].startswith("0.80 (0.7")
-    assert roulette[2:] == ["1.25 on scene 0, 1.25 on scene 0", "a random number for each vertex", "yes"]
-    assert balance[2:] == ["0.80 on scene 0, 0.80 on scene 0", "none", "no"]
+    pictures = "120x80, 64 samples, scene 0, scene 1"
+    assert roulette[2:] == ["1.25 on scene 0, 1.25 on scene 0", pictures, "a random number for each vertex", "yes"]
+    assert balance[2:] == ["0.80 on scene 0, 0.80 on scene 0", pictures, "none", "no"]
+
+
+def test_the_list_says_where_a_trial_would_change_nothing(trials):
+    """By the table, not by the machine that writes the list; figures of another machine count more."""
+    trial = trials.chosen(["packets of eight rays"])[0]
+    without = [trials.row_without(trial)]
+    ((_, gain, scenes, pictures, *_),) = listed(trials, without)
+    assert gain.startswith("not on this processor") and scenes == pictures == ""
+    assert set(without[0]) == set(rows_of(trials, trial.name, 1.0)[0])
+    trials.section(without)  # neither noise nor fireflies are looked for there
+    ((_, gain, *_),) = listed(trials, without + rows_of(trials, trial.name, 1.25))
+    assert gain.startswith("1.25")
 
 
 def test_intervals_have_the_quantile_of_so_few_seeds(trials):
@@ -223,11 +267,14 @@ def test_intervals_have_the_quantile_of_so_few_seeds(trials):
 def test_what_the_same_engine_differs_from_itself_widens_all_intervals(trials):
     table = rows_of(trials, "no roulette", 1.08, 1.08)
     assert not listed(trials, table)[0][1].endswith(": no difference")
-    table += rows_of(trials, trials.UNCHANGED.name, 1.0, 1.0, seconds=1.1)
-    assert trials.between_processes(table) == (pytest.approx(np.log(1.1) ** 2), 2)
+    same = rows_of(trials, "the same engine", 1.0, 1.0, seconds=1.1)
+    large = [row | {"resolution": "768x512"} for row in same]
+    assert not listed(trials, table + large)[0][1].endswith(": no difference")  # those are of other pictures
+    table += same
+    assert trials.between_processes(table, SIZE) == (pytest.approx(np.log(1.1) ** 2), 2)
     ((tried, gain, *_),) = listed(trials, table)  # no row for what isn't a technique
     assert tried == "Russian roulette by throughput" and gain.endswith(": no difference")
-    assert "differs by 9.5%" in trials.section(table)
+    assert "differs by 9.5% (120x80)" in trials.section(table)
 
 
 def test_the_noise_of_processes_is_known_of_no_more_pairs_than_there_were(trials):
@@ -259,10 +306,13 @@ def test_fireflies_are_left_out_of_the_verdict_and_it_is_said_where(trials):
 
 def test_a_row_is_written_from_what_was_measured(trials):
     usual = np.array([[1.0, 1.0], [0.2, 0.2], [0.1, 0.1]])
-    row = trials.row(trials.chosen(["no roulette"])[0], "lamps", usual, usual * np.array([[2.0], [0.5], [0.75]]))
+    other, place = usual * np.array([[2.0], [0.5], [0.75]]), ("lamps", (120, 80))
+    row = trials.row(trials.chosen(["no roulette"])[0], place, usual, other, trials.parse([]))
     assert row == {
         "instead": "no roulette",
         "scene": "lamps",
+        "resolution": "120x80",
+        "samples": "64",
         "pairs": "2",
         "relMSE x seconds": "1.000 ± 0.000",
         "the same, trimmed": "1.500 ± 0.000",
@@ -281,7 +331,12 @@ def test_errors_below_those_of_the_reference_are_refused(trials, engine, errors,
     measured = np.array([[[1.0, 1.0], [0.2, 0.2], [0.1, 0.1]]] * 2)
     measured[engine, errors] = seeds
     with pytest.raises(ToolError, match="lamps: the reference is too noisy for 'no roulette'"):
-        trials.row(trials.chosen(["no roulette"])[0], "lamps", *measured)
+        trials.row(trials.chosen(["no roulette"])[0], ("lamps", (8, 8)), *measured, trials.parse([]))
+
+
+def small(*names: str) -> dict:
+    """Scenes by their places."""
+    return {(name, (120, 80)): f"scene {name}" for name in names}
 
 
 class Made:
@@ -310,6 +365,7 @@ class Made:
 def test_an_interrupted_run_goes_on_where_it_was(trials, monkeypatch, tmp_path):
     """Nothing that was finished is rendered again; names choose trials; a second run renders nothing at all."""
     monkeypatch.setattr(trials, "Worker", Made)
+    monkeypatch.setattr(trials.common, "SCENES", ("a", "b"))
     monkeypatch.setattr(Made, "rendered", [])
     options = trials.parse(["--store", str(tmp_path / "store"), "--results", str(tmp_path), "--seeds", "2"])
     some = trials.chosen(["no roulette", "uniform directions for diffuse"])
@@ -317,7 +373,7 @@ def test_an_interrupted_run_goes_on_where_it_was(trials, monkeypatch, tmp_path):
     def table(run: int) -> list[dict]:
         folder = tmp_path / str(run)
         folder.mkdir()
-        trials.tabulated(some, trials.Measuring({"a": "scene", "b": "another"}, folder, options), options)
+        trials.tabulated(some, trials.Measuring(small("a", "b"), folder, options), options)
         return trials.common.read_table("trials", tmp_path)
 
     monkeypatch.setattr(Made, "last", 25)
@@ -333,10 +389,27 @@ def test_an_interrupted_run_goes_on_where_it_was(trials, monkeypatch, tmp_path):
     assert len(table(3)) == 4 and len(Made.rendered) == count
 
 
+def test_what_the_machine_lacks_is_not_measured(trials, monkeypatch, tmp_path):
+    monkeypatch.setattr(trials, "PACKET_WIDTH", 8)
+    options = trials.parse(["--store", str(tmp_path / "store"), "--results", str(tmp_path)])
+    measuring = trials.Measuring({}, tmp_path, options)  # a process would look for scenes here
+    trials.tabulated(trials.chosen(["packets of eight rays"]), measuring, options)
+    (row,) = trials.common.read_table("trials", tmp_path)
+    assert (row["scene"], row["seconds"]) == (trials.NOWHERE, "")
+    assert row[trials.COST].startswith("not on this processor")
+
+
+def test_references_of_large_pictures_have_as_many_samples(trials):
+    options = trials.parse(["--reference-samples", "8192", "--resolution", "120x80"])
+    usual, large = (trials.reference_samples(("a", size), options) for size in ((120, 80), (768, 512)))
+    assert usual == 8192 // trials.REFERENCES and large == 8192 * 120 * 80 // (768 * 512 * trials.REFERENCES)
+
+
 def test_what_is_refused_does_not_end_the_others(trials, monkeypatch, tmp_path):
     """One trial's errors are below the reference's own on one scene: it has no row, and the next has all."""
     good, some = np.ones((3, 2)), trials.chosen(["no roulette", "balance heuristic"])
-    measured = [(some[0], {"a": (good, good), "b": (good, -good)}), (some[1], {"a": (good, good), "b": (good, good)})]
+    a, b = small("a", "b")
+    measured = [(some[0], {a: (good, good), b: (good, -good)}), (some[1], {a: (good, good), b: (good, good)})]
     options = trials.parse(["--results", str(tmp_path)])
     measuring = SimpleNamespace(of=lambda _: iter(measured))
     with pytest.raises(ToolError, match="b: the reference is too noisy for 'no roulette'"):
@@ -352,20 +425,23 @@ def test_what_is_measured_otherwise_is_measured_anew(trials, tmp_path):
         options = trials.parse([*words, "--store", str(tmp_path)])
         folder = tmp_path / str(len(names))
         folder.mkdir()
-        measuring = trials.Measuring({"a": "scene", "b": "another"}, folder, options)
-        names |= {measuring._file(trial, name).name for trial in (*trials.TRIALS, None) for name in "ab"}
+        scenes_of = small("a", "b")
+        measuring = trials.Measuring(scenes_of, folder, options)
+        names |= {measuring._file(trial, place).name for trial in (*trials.TRIALS, None) for place in scenes_of}
     references = 2 * 2  # by their own samples alone
     assert len(names) == 5 * 2 * len(trials.TRIALS) + references
 
 
 @pytest.mark.long  # compiles the engine with an empty cache
-def test_processes_render_what_a_trial_compares(trials, tmp_path):
+def test_processes_render_what_a_trial_compares(trials, monkeypatch, tmp_path):
     """A small picture, by an engine with an edit beside the engine as it is: other random numbers, other errors."""
     words = ["--samples", "8", "--reference-samples", "64", "--seeds", "2", "--store", str(tmp_path / "store")]
     trial = trials.chosen(["independent random numbers"])[0]
-    measuring = trials.Measuring({"sphere": scenes.lit_sphere(size=16)}, tmp_path, trials.parse(words))
+    monkeypatch.setattr(trials.common, "SCENES", ("sphere",))
+    options = trials.parse([*words, "--resolution", "16x16"])
+    measuring = trials.Measuring({("sphere", (16, 16)): scenes.lit_sphere(size=16)}, tmp_path, options)
     ((_, found),) = measuring.of([trial])
-    usual, other = found["sphere"]
+    ((usual, other),) = found.values()
     assert usual.shape == other.shape == (3, 2)
     assert (usual[0] > 0).all() and (other[0] > 0).all() and (usual[1] != other[1]).all()
 
