@@ -36,8 +36,6 @@ from tools import metrics
 from tools.render import resolution, whole_number
 
 KEYS = ("scene", "against", "settings")
-PIXELS = 0.9975  # share of them that has to pass
-SURE = 0.999  # confidence of the interval that refutes: a table has some two dozen, and most of them should not fail
 
 
 class Plan(NamedTuple):
@@ -158,15 +156,6 @@ def keep_pictures(folder: Path, stem: str, a: np.ndarray, b: np.ndarray) -> None
 # --- verdicts -------------------------------------------------------------------------------------------------
 
 
-def judge_mean(a: np.ndarray, b: np.ndarray, tolerated: float) -> str:
-    """Whether the means of two sets (seeds, h, w, 3) are equal: "pass" is shown, "FAIL" is refuted, "open" neither."""
-    difference, half_width = metrics.mean_difference(a, b)
-    if abs(difference) < tolerated and half_width < tolerated:
-        return "pass"
-    _, sure = metrics.mean_difference(a, b, SURE)
-    return "open" if abs(difference) <= sure else "FAIL"
-
-
 def judge_bias(squared: float, error: float, tolerated: float) -> str:
     """tolerated: relative; a bias this small all over the picture passes even if it is known to be there."""
     return "pass" if squared <= max(3 * error, tolerated**2) else "FAIL"
@@ -187,9 +176,9 @@ def row(name: str, options: argparse.Namespace, a, b, indirect_a, indirect_b) ->
     found = metrics.compare(a, b)
     indirect_difference, indirect_half_width = metrics.mean_difference(indirect_a, indirect_b)
     parts = {
-        "mean": judge_mean(a, b, tolerated.mean),
-        "indirect": judge_mean(indirect_a, indirect_b, tolerated.indirect),
-        "pixels": "pass" if found.pass_sidak >= PIXELS else "FAIL",
+        "mean": metrics.judge_mean(a, b, tolerated.mean),
+        "indirect": metrics.judge_mean(indirect_a, indirect_b, tolerated.indirect),
+        "pixels": metrics.judge_pixels(found),
         "bias": judge_bias(found.squared_bias, found.squared_bias_error, tolerated.mean),
     }
     return {

@@ -139,7 +139,7 @@ def check_folders(options: argparse.Namespace) -> None:
 def convergence(options: argparse.Namespace, say) -> int:
     """Measure the scenes one after the other, and write what is known after each."""
     from benchmarks import goals
-    from benchmarks.convergence import page, runs, tables
+    from benchmarks.convergence import page, reference, runs, tables
 
     paths = scene_paths(options.scenes)
     folder = results_folder(options, paths)
@@ -162,7 +162,7 @@ def convergence(options: argparse.Namespace, say) -> int:
     if both and quotes(options, paths):
         tables.quote(ROOT / "README.md", common.markdown(tables.short([r for r in rows if tables.is_headline(r)])))
     say(common.markdown(tables.short(rows) if both else [row for o in outcomes for row in tables.level_rows(o)]))
-    differing = [outcome.settings.scene.stem for outcome in outcomes if outcome.reference.verdict != "agree"]
+    differing = [outcome.settings.scene.stem for outcome in outcomes if outcome.reference.verdict == reference.DIFFER]
     if differing:
         print(f"bench.py: the engines' long renders differ: {', '.join(differing)}", file=sys.stderr)
     return int(bool(differing))

@@ -7,8 +7,7 @@ logarithm: a curve's shape on log-log paper is what these figures describe.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
@@ -22,6 +21,10 @@ from .runs import Render
 PHASES = ("start", "export", "build", "compile", "render", "total")
 BOOTSTRAP_RUNS = 2000
 CONFIDENCE = 0.95
+STEEPEST_BRIGHT = 2.0  # power of 1 / samples that bright pixels' error falls with at most
+HALVINGS = 30  # of the range of that power: to a billionth
+
+Points = tuple[np.ndarray, np.ndarray]  # errors and seconds of levels
 FLIP_SEEDS = 2  # FLIP takes half a second a picture and hardly differs between seeds
 # Cycles tells its sampling time in hundredths of a second: what is shorter than this is rounded by over 10 %.
 SHORTEST_SAMPLING = 0.05
@@ -43,6 +46,13 @@ class Level:
     mean_difference: tuple[float, float]  # of the picture's mean to the reference's, relative; half width of 95 %
     flip: float
     reference_noise: float
+    # (2, draws, seeds): what `whole` and `trimmed` change by with other draws of the reference's replicates
+    shifts: np.ndarray = field(default_factory=lambda: np.zeros((2, 1, 1)))
+
+    def drawn(self, error: str) -> np.ndarray:
+        """(1 + draws, seeds): "whole" or "trimmed" errors as they are, and with each draw of the reference."""
+        values, shifts = getattr(self, error), self.shifts[("whole", "trimmed").index(error)]
+        return np.vstack([values, values + shifts])
 
     @property
     def error(self) -> float:
@@ -74,6 +84,7 @@ def level(samples: int, renders: Sequence[Render], reference: Reference) -> Leve
         mean_difference=metrics.mean_difference(pictures, reference.replicates),
         flip=float(np.mean([flip(picture, reference.picture) for picture in pictures[:FLIP_SEEDS]])),
         reference_noise=reference.noise,
+        shifts=np.stack([reference.shifts(picture, BOOTSTRAP_RUNS) for picture in pictures], axis=-1),
     )
 
 
@@ -98,7 +109,7 @@ def standard_error(values: np.ndarray) -> float:
     return float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
-def slope(x: Sequence[float], errors: Sequence[float]) -> float:
+def slope(x: Sequence[float] | np.ndarray, errors: Sequence[float] | np.ndarray) -> float:
     """Exponent of the power law that fits best: least squares of log error over log x. -1 is plain Monte Carlo."""
     if len(x) < 2:
         return np.nan
@@ -112,12 +123,10 @@ def timed(cycles: Sequence[Level]) -> list[Level]:
 
 def slopes(levels: Sequence[Level], error: str = "whole") -> tuple[float, float]:
     """Of the error against samples and against sampling time. error: "whole" or "trimmed"."""
-    used = [lv for lv in levels if lv.usable]
-    errors = [float(getattr(lv, error).mean()) for lv in used]
-    return (
-        slope([lv.samples for lv in used], errors),
-        slope([float(np.median(lv.sampling)) for lv in used], errors),
-    )
+    over = curve(levels, "sampling", error)
+    every = np.arange(over.seconds.shape[1])[None]
+    errors = over.errors(every)[0]
+    return slope(over.samples, errors), slope(over.medians(every)[0], errors)
 
 
 def suspect(levels: Sequence[Level], error: str = "whole") -> bool:
@@ -126,45 +135,70 @@ def suspect(levels: Sequence[Level], error: str = "whole") -> bool:
     return bool(abs(over_time - over_samples) > SLOPES_APART)
 
 
-def falls(levels: Sequence[Level]) -> bool:
-    """Whether each level's whole error is below that of the level before by more than the standard error of that
-    difference. With four times the samples it falls to a quarter; what hides that is a few bright pixels, which so few
-    seeds meet or don't, and no mean of theirs is to be trusted."""
-    used = [lv for lv in levels if lv.usable]
-    return all(
-        before.error - after.error > np.hypot(standard_error(before.whole), standard_error(after.whole))
-        for before, after in pairwise(used)
-    )
-
-
 # --- times at equal error -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Curve:
-    """errors, seconds: (levels, seeds), of levels with more and more samples."""
+    """One engine's errors and times, of levels with more and more samples.
 
-    errors: np.ndarray
-    seconds: np.ndarray
+    The error is in two parts. What most pixels have, `core`, is well known from a few seeds. What is in the brightest
+    values, `bright`, may be a matter of chance: in some scenes a few fireflies make most of the error, and a short
+    level has none of them in any of its seeds.
+    """
 
-    def over(self, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """log of mean error and of median time of these seeds, errors strictly falling.
+    samples: np.ndarray  # (levels,)
+    core: np.ndarray  # (draws, levels, seeds) relMSE, trimmed; the first as it is, then with draws of the reference
+    bright: np.ndarray  # as large: what the whole error has beyond that; zeros in a curve of trimmed errors
+    seconds: np.ndarray  # (levels, seeds)
 
-        A level that isn't better than a shorter one is left out: whoever waits would have taken the shorter.
+    def errors(self, seeds: np.ndarray) -> np.ndarray:
+        """(draws, levels): the core's mean as it is, and what the bright part has by the power law through all levels.
+
+        seeds: (draws, seeds), those of each draw. Where the reference was drawn less often, its draws are taken again.
         """
-        if not len(self.errors):
-            return np.empty(0), np.empty(0)
-        error, seconds = self.errors[:, seeds].mean(axis=1), np.median(self.seconds[:, seeds], axis=1)
-        best = np.minimum.accumulate(np.concatenate([[np.inf], error[:-1]]))
-        kept = (error < best) & (error > 0.0) & (seconds > 0.0)
-        return np.log(error[kept]), np.log(seconds[kept])
+
+        if not len(self.samples):
+            return np.empty((len(seeds), 0))
+
+        def mean(part: np.ndarray) -> np.ndarray:
+            again = part[np.arange(len(seeds)) % len(part)]
+            return np.take_along_axis(again, seeds[:, None, :], axis=2).mean(axis=2)
+
+        return mean(self.core) + power_law(self.samples, np.maximum(mean(self.bright), 0.0))
+
+    def medians(self, seeds: np.ndarray) -> np.ndarray:
+        """(draws, levels) seconds."""
+        return np.median(self.seconds[:, seeds], axis=2).T if len(self.samples) else np.empty((len(seeds), 0))
+
+
+def power_law(samples: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Errors, (..., levels), by the power law c * samples^-s that fits best: what rare bright pixels add.
+
+    Through all levels, since the mean at each of them hangs on how many such pixels happened to be met. Their number
+    grows like the samples, so a level's relative variance falls like 1 / samples: that is its weight. c and s solve
+    sum(samples * (error / law - 1) * (1, log samples)) = 0, the equations of a gamma regression with logarithmic link
+    (McCullagh & Nelder 1989, section 8.3). They are right in the mean whatever the errors are distributed like, as they
+    take no logarithm of them: the mean of few that are skewed has a logarithm that is too small (Santos Silva &
+    Tenreyro 2006). s lies between 1, of independent samples, which nothing falls slower than in the mean, and
+    STEEPEST_BRIGHT.
+    """
+    weights, x = samples / samples.sum(), np.log(samples)
+    x = x - weights @ x
+    low, high = np.ones(errors.shape[:-1]), np.full(errors.shape[:-1], STEEPEST_BRIGHT)
+    for _ in range(HALVINGS):
+        s = (low + high) / 2
+        steeper = (weights * x * errors * np.exp(s[..., None] * x)).sum(axis=-1) < 0.0
+        low, high = np.where(steeper, s, low), np.where(steeper, high, s)
+    s = ((low + high) / 2)[..., None]
+    return (weights * errors * np.exp(s * x)).sum(axis=-1, keepdims=True) * np.exp(-s * x)
 
 
 @dataclass(frozen=True)
 class TimeRatio:
-    """Cycles' time over Lobe's at equal error: medians and 95 % intervals of the bootstrap; nan where there is none."""
+    """Cycles' time over Lobe's at equal error, with 95 % intervals of the bootstrap; nan where there is none."""
 
-    mean: tuple[float, float, float]  # geometric mean over the errors that both reach: median, low, high
+    mean: tuple[float, float, float]  # geometric mean over the errors that both reach: ratio, low, high
     at_lowest: tuple[float, float, float]  # at the lowest error that both reach
     errors: tuple[float, float]  # that range
 
@@ -174,13 +208,13 @@ class TimeRatio:
         return bool(self.errors[1] >= LEAST_OVERLAP * self.errors[0])
 
 
-def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, float, float, float]:
+def log_ratio(lobe: Points, cycles: Points) -> tuple[float, float, float, float]:
     """log of (mean ratio, ratio at the lowest error), and the range of log errors that both curves reach.
 
     Both curves are straight between their levels on log-log paper. The mean is that of log(Cycles' time / Lobe's) over
     the log error, from the lowest to the highest error that both have reached.
     """
-    (error_l, time_l), (error_c, time_c) = lobe.over(seeds), cycles.over(seeds)
+    (error_l, time_l), (error_c, time_c) = falling(*lobe), falling(*cycles)
     if len(error_l) == 0 or len(error_c) == 0:
         return (np.nan,) * 4
     low, high = max(error_l[-1], error_c[-1]), min(error_l[0], error_c[0])
@@ -191,20 +225,29 @@ def log_ratio(lobe: Curve, cycles: Curve, seeds: np.ndarray) -> tuple[float, flo
     return float(ratio.mean()), float(ratio[0]), low, high
 
 
+def falling(errors: np.ndarray, seconds: np.ndarray) -> Points:
+    """Their logarithms, without levels that are no better than a shorter one: whoever waits would have taken that."""
+    best = np.minimum.accumulate(np.concatenate([[np.inf], errors[:-1]]))
+    kept = (errors < best) & (errors > 0.0) & (seconds > 0.0)
+    return np.log(errors[kept]), np.log(seconds[kept])
+
+
 def time_ratio(lobe: Curve, cycles: Curve, seed: int = 0) -> TimeRatio:
     """How many times longer Cycles takes to the same error, with a 95 % interval from a bootstrap over the runs.
 
     A run is a round of one seed, both engines' renders of all levels in turn, and is drawn as a whole: a slow minute
-    of the machine hits both engines, and a longer render continues a shorter one's random numbers. A bootstrap of few
+    of the machine hits both engines, and a longer render continues a shorter one's random numbers. Each round has a
+    process of its own, so that what differs from process to process and not from render to render is drawn with it.
+    Each draw has replicates of the reference drawn too, the same for all levels of both engines. A bootstrap of few
     runs scatters too little; so wider quantiles than 95 % are taken, see `tail`.
     """
     rng = np.random.default_rng(seed)
-    runs = lobe.errors.shape[1]
-    drawn = rng.integers(0, runs, (BOOTSTRAP_RUNS, runs))
-    found = np.array([log_ratio(lobe, cycles, seeds) for seeds in drawn])
-    low, high = log_ratio(lobe, cycles, np.arange(runs))[2:]
-    mean, at_lowest = (_quantiles(found[:, column], tail(runs)) for column in (0, 1))
-    return TimeRatio(mean, at_lowest, (float(np.exp(low)), float(np.exp(high))))
+    runs = lobe.seconds.shape[1]
+    drawn = np.vstack([np.arange(runs), rng.integers(0, runs, (BOOTSTRAP_RUNS, runs))])
+    points = (zip(curve.errors(drawn), curve.medians(drawn), strict=True) for curve in (lobe, cycles))
+    found = np.array([log_ratio(*pair) for pair in zip(*points, strict=True)])
+    mean, at_lowest = (interval(found[0, column], found[1:, column], tail(runs)) for column in (0, 1))
+    return TimeRatio(mean, at_lowest, (float(np.exp(found[0, 2])), float(np.exp(found[0, 3]))))
 
 
 def tail(runs: int) -> float:
@@ -218,21 +261,25 @@ def tail(runs: int) -> float:
     return float(stats.norm.cdf(np.sqrt(runs / (runs - 1)) * quantile))
 
 
-def _quantiles(logs: np.ndarray, tail: float) -> tuple[float, float, float]:
-    logs = logs[np.isfinite(logs)]
-    if len(logs) == 0:
+def interval(log: float, drawn: np.ndarray, tail: float) -> tuple[float, float, float]:
+    """(ratio, low, high) from its logarithm and those of the bootstrap."""
+    drawn = drawn[np.isfinite(drawn)]
+    if len(drawn) == 0 or not np.isfinite(log):
         return (np.nan,) * 3
-    median, low, high = np.exp(np.quantile(logs, [0.5, tail, 1 - tail]))
-    return float(median), float(low), float(high)
+    low, high = np.exp(np.quantile(drawn, [tail, 1 - tail]))
+    return float(np.exp(log)), float(low), float(high)
 
 
 def curve(levels: Sequence[Level], seconds: str, error: str = "whole") -> Curve:
     """seconds: "total" or "sampling"; error: "whole" or "trimmed"."""
     used = [lv for lv in levels if lv.usable]
     runs = len(levels[0].whole) if levels else 0
-    shape = len(used), runs
-    errors = np.array([getattr(lv, error) for lv in used]).reshape(shape)
-    return Curve(errors, np.array([getattr(lv, seconds) for lv in used]).reshape(shape))
+    if not used:
+        return Curve(np.empty(0), np.empty((1, 0, runs)), np.empty((1, 0, runs)), np.empty((0, runs)))
+    whole, core = (np.stack([lv.drawn(kind) for lv in used], axis=1) for kind in ("whole", "trimmed"))
+    bright = whole - core if error == "whole" else np.zeros_like(core[:1])
+    samples, times = np.array([lv.samples for lv in used], float), np.stack([getattr(lv, seconds) for lv in used])
+    return Curve(samples, core, bright, times)
 
 
 def geometric_mean(ratios: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:

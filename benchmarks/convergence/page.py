@@ -69,7 +69,7 @@ def section(outcome: Outcome, curves: bytes) -> str:
         figure(
             pictures.visible(reference.picture, outcome.exposure),
             f"<b>Reference</b>: {REFERENCE_SEEDS} renders of each engine, {reference.samples} samples each; "
-            f"relMSE of its own {reference.noise:.1e}. The engines {reference.verdict}: difference of means "
+            f"relMSE of its own {reference.noise:.1e}. The engines' pictures: {reference.verdict}, difference of means "
             f"{found.mean_difference:+.2%} ± {found.mean_half_width:.2%}, {found.pass_sidak:.2%} of pixels pass.",
         )
     )

@@ -84,10 +84,8 @@ def statement(outcome: Outcome, error: str) -> str:
     if set(outcome.levels) != set(COLORS):
         return ""
     lobe, cycles = (outcome.levels[engine] for engine in COLORS)
-    if error == "whole" and (not_falling := tables.judged_by(lobe, cycles)[1]):
-        return f"a matter of bright pixels: errors that do not fall, {not_falling}"
     ratios, _ = tables.ratios_and_range(lobe, cycles)
-    median, low, high = ratios[tables.RATIO if error == "whole" else tables.TRIMMED_RATIO]
-    if not math.isfinite(median):
+    middle, low, high = ratios[tables.RATIO if error == "whole" else tables.TRIMMED_RATIO]
+    if not math.isfinite(middle):
         return "too few levels for a ratio of times"
-    return f"to equal error Cycles takes {median:.2f} ({low:.2f} to {high:.2f}) times as long"
+    return f"to equal error Cycles takes {middle:.2f} ({low:.2f} to {high:.2f}) times as long"

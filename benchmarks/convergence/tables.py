@@ -15,16 +15,15 @@ from . import analysis
 from .analysis import PHASES, Level
 from .campaign import Outcome, trial_costs
 from .plan import ENGINES, Settings
+from .reference import DIFFER
 
 RATIO = "time to equal error, Cycles / Lobe"
 SAMPLING_RATIO = "the same, sampling alone"
 LOWEST_RATIO = "the same, at the lowest error"
 TRIMMED_RATIO = "the same, trimmed errors"
-NOT_FALLING = "errors that do not fall"
 INTERVAL = ": 95 % interval"
 OSL = ", OSL"
 WITHOUT_OSL = " without OSL"
-DIFFER = "DIFFER"  # a verdict of `Reference`
 NO_RATIO = (math.nan,) * 3
 
 SETTINGS = """\
@@ -32,8 +31,10 @@ Both engines have the box filter, the same bounces, clamps (none in the samples)
 sampling, denoising, time limits, soft falloff, light threshold, filter glossy and shadow terminator offsets are off,
 caustics on, surfaces emit to both sides. Errors are of scene-linear pictures."""
 AGREEMENT = """\
-Long renders of the engines "agree" when their means differ by less than 0.2 %, or by less than the half width of the
-95 % interval of that difference, and 99.75 % of pixels and channels pass Welch's test at the Sidak level of 1 %."""
+Long renders of the engines "agree" when the difference of their means and the half width of its 95 % interval are both
+below 0.2 %, and 99.75 % of pixels and channels pass Welch's test at the Sidak level of 1 %. They DIFFER when the
+difference is neither that nor within its 99.9 % interval, or fewer pixels pass; else it is "open": no difference is
+shown, and one of more than 0.2 % isn't refuted."""
 CONVERGENCE_NOTE = f"""\
 {SETTINGS}
 relMSE has the noise of the reference taken off; a star under "near it" marks one below 5 times that noise. "±" is the
@@ -48,20 +49,23 @@ device, in hundredths of a second.
 EQUAL_ERROR_NOTE = f"""\
 {SETTINGS} Times are of warm renders: Lobe's kernels are loaded, and each engine has rendered the scene before.
 All figures are ratios of times of renders made in turn on the same machine, Cycles' over Lobe's at equal relMSE: above
-1 Lobe is faster. They are geometric means over the range of errors that both reach, medians of a bootstrap over the
-seeds, its quantiles widened to Student's of so few; no ratio is given where that range spans less than a factor of 10
-("too few levels"). Trimmed errors are without the worst 0.1 % of values, and have a range of their own. Where it can't
-be told from the seeds that an engine's whole error falls from each level to the next (by more than the standard error
-of the difference), a few bright pixels make it a matter of chance: "errors that do not fall" names that engine, and all
-ratios, slopes and the range of that row, and what geometric means have of it, are of trimmed errors. Cycles' sampling
-time holds what it prepares on the device, and levels at which it is below 0.05 s are left out, as Cycles tells it in
-hundredths. Cycles has those settings that a pilot of three seeds found best by error times the time of the whole
-render: of light tree and guiding first, then, where the world has a texture, of the maps that it may sample it by
-("world map" and its width; what isn't named Cycles chooses itself). Trimmed errors decide where the pilot's whole
-errors scatter. "Slopes apart" names an engine whose slopes over time and over samples differ by more than 0.15:
-something else than samples moved its times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the
-scene with Open Shading Language, whose cost by itself is in [osl.md](osl.md). Geometric means are of the sample scenes
-at the resolution and threads of `make bench`, without those whose pictures DIFFER.
+1 Lobe is faster. They are geometric means over the range of errors that both reach, with 95 % intervals; no ratio is
+given where that range spans less than a factor of 10 ("too few levels"). Errors are whole, but in the column of trimmed
+errors, which are without the worst 0.1 % of values and have a range of their own. Where a few bright pixels make most
+of the whole error, the means of so few seeds are a matter of chance; so what those values add is taken by the power law
+through all levels, and the intervals are as wide as chance makes them. Intervals are of a bootstrap over the seeds,
+its quantiles widened to Student's of so few. Each seed's renders are made in a process of their own, and each draw has
+other replicates of the reference too: the intervals hold what processes and the reference's noise make uncertain.
+Cycles' sampling time holds what it prepares on the device, and levels at which it is below 0.05 s are left out, as
+Cycles tells it in hundredths. Cycles has those settings that a pilot of three seeds found best by error times the time
+of the whole render: of light tree and guiding first, then, where the world has a texture, of the maps that it may
+sample it by ("world map" and its width), then of sampling patterns ("tabulated Sobol"); what isn't named Cycles chooses
+itself. At last one seed of as many samples as the budget allows, up to the file's, tries whether guiding pays once it
+has learnt more. Trimmed errors decide where the pilot's whole errors scatter, or there is one seed. "Slopes apart"
+names an engine whose slopes over time and over samples differ by more than 0.15: something else than samples moved its
+times, so read its row with care. "OSL": Cycles shades the Phong surfaces of the scene with Open Shading Language, whose
+cost by itself is in [osl.md](osl.md). Geometric means are of the sample scenes at the resolution and threads of
+`make bench`, without those whose pictures DIFFER.
 {AGREEMENT}
 
 """
@@ -113,10 +117,9 @@ def level_row(outcome: Outcome, engine: str, level: Level) -> dict[str, str]:
 def scene_row(outcome: Outcome) -> dict[str, str]:
     settings, found = outcome.settings, outcome.reference.comparison
     lobe, cycles = outcome.levels["LOBE"], outcome.levels["CYCLES"]
-    error, not_falling = judged_by(lobe, cycles)
-    ratios, errors = ratios_and_range(lobe, cycles, error)
+    ratios, errors = ratios_and_range(lobe, cycles)
     by_name = {"Lobe": lobe, "Cycles": analysis.timed(cycles)}
-    slopes = {name: analysis.slopes(levels, error) for name, levels in by_name.items()}
+    slopes = {name: analysis.slopes(levels) for name, levels in by_name.items()}
     return {
         "scene": settings.scene.stem,
         "resolution": "{}x{}".format(*settings.resolution),
@@ -124,7 +127,6 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
         "seeds": str(settings.seeds),
         "samples, up to: Lobe": str(lobe[-1].samples),
         "samples, up to: Cycles": str(cycles[-1].samples),
-        NOT_FALLING: not_falling,
         **{key: text for name, ratio in ratios.items() for key, text in ratio_columns(name, ratio).items()},
         "relMSE, from": number(errors[0], ".1e"),
         "relMSE, to": number(errors[1], ".1e"),
@@ -133,7 +135,7 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
             for i, over in enumerate(("samples", "time"))
             for engine in slopes
         },
-        "slopes apart": ", ".join(name for name, levels in by_name.items() if analysis.suspect(levels, error)),
+        "slopes apart": ", ".join(name for name, levels in by_name.items() if analysis.suspect(levels)),
         "Cycles' settings": str(outcome.variant) + (OSL if outcome.osl else ""),
         "pilot: time x error to the best": pilot(outcome),
         "engines' pictures": f"{outcome.reference.verdict}: {found.mean_difference:+.2%} ± {found.mean_half_width:.2%}",
@@ -141,44 +143,32 @@ def scene_row(outcome: Outcome) -> dict[str, str]:
     }
 
 
-def judged_by(lobe: list[Level], cycles: list[Level]) -> tuple[str, str]:
-    """By which errors the engines are compared, "whole" or "trimmed", and whose whole errors do not fall."""
-    names = [name for name, levels in (("Lobe", lobe), ("Cycles", cycles)) if not analysis.falls(levels)]
-    return "trimmed" if names else "whole", ", ".join(names)
-
-
-def ratios_and_range(
-    lobe: list[Level], cycles: list[Level], error: str = "whole"
-) -> tuple[dict[str, tuple], tuple[float, float]]:
+def ratios_and_range(lobe: list[Level], cycles: list[Level]) -> tuple[dict[str, tuple], tuple[float, float]]:
     """Each column's (ratio, low, high), and the range of errors, which is the same for all but the trimmed.
-
-    error: "whole" or "trimmed", that of all columns but the trimmed.
 
     So levels of Cycles that are too short for its clock are left out of all columns; where the rest is too few, of
     none, and there is no ratio of sampling alone.
     """
+
+    def ratio(of_cycles: list[Level], seconds: str, error: str) -> analysis.TimeRatio:
+        return analysis.time_ratio(analysis.curve(lobe, seconds, error), analysis.curve(of_cycles, seconds, error))
+
     long = analysis.timed(cycles)
-    total, sampling, trimmed = (
-        analysis.time_ratio(analysis.curve(lobe, *kind), analysis.curve(long, *kind))
-        for kind in (("total", error), ("sampling", error), ("total", "trimmed"))
-    )
-    at_sampling = sampling.mean
+    total, at_sampling = ratio(long, "total", "whole"), ratio(long, "sampling", "whole").mean
     if not total.enough and len(long) < len(cycles):
-        total, trimmed = (
-            analysis.time_ratio(analysis.curve(lobe, "total", kind), analysis.curve(cycles, "total", kind))
-            for kind in (error, "trimmed")
-        )
-        at_sampling = NO_RATIO
+        long, at_sampling = cycles, NO_RATIO
+        total = ratio(long, "total", "whole")
     ratios = {RATIO: total.mean, LOWEST_RATIO: total.at_lowest, SAMPLING_RATIO: at_sampling}
     if not total.enough:
         ratios = dict.fromkeys(ratios, NO_RATIO)
+    trimmed = ratio(long, "total", "trimmed")
     return ratios | {TRIMMED_RATIO: trimmed.mean if trimmed.enough else NO_RATIO}, total.errors
 
 
 def ratio_columns(name: str, ratio: tuple[float, float, float]) -> dict[str, str]:
-    median, low, high = ratio
-    interval = f"{low:.2f} to {high:.2f}" if math.isfinite(median) else ""
-    return {name: number(median, ".2f"), name + INTERVAL: interval}
+    middle, low, high = ratio
+    interval = f"{low:.2f} to {high:.2f}" if math.isfinite(middle) else ""
+    return {name: number(middle, ".2f"), name + INTERVAL: interval}
 
 
 def number(value: float, form: str) -> str:
@@ -232,15 +222,12 @@ def short(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
     """As narrow as a README's table: of rows of `equal_error` ratios with their intervals."""
 
     def with_interval(row: Mapping[str, str], name: str) -> str:
-        trimmed = ", trimmed" if row.get(NOT_FALLING) else ""
-        return f"{row[name]} ({row[name + INTERVAL]}){trimmed}" if row[name] else "too few levels"
+        return f"{row[name]} ({row[name + INTERVAL]})" if row[name] else "too few levels"
 
     return [
         {
             "scene": row["scene"],
-            RATIO: with_interval(row, RATIO),
-            LOWEST_RATIO: with_interval(row, LOWEST_RATIO),
-            SAMPLING_RATIO: with_interval(row, SAMPLING_RATIO),
+            **{name: with_interval(row, name) for name in (RATIO, TRIMMED_RATIO, LOWEST_RATIO, SAMPLING_RATIO)},
             "Cycles' settings": row["Cycles' settings"],
             "engines' pictures": row["engines' pictures"],
         }

@@ -61,9 +61,23 @@ def test_the_mean_is_of_all_samples_and_of_those_without_osl(tmp_path, means, ve
     assert all(f"{ratio} (1 to 9), geometric mean {name}" in found["measured"] for name, ratio in means.items())
 
 
-def scene_row(scene: str, ratio: str = "9", worst: str = "1e-1") -> dict[str, str]:
+def scene_row(scene: str, ratio: str = "9", worst: str = "1e-1", trimmed: str = "9.5") -> dict[str, str]:
     return {"scene": scene, tables.RATIO: ratio, tables.RATIO + tables.INTERVAL: "1 to 9", "resolution": "384x256",
-            "threads": "2", "seeds": "8", "relMSE, from": "1e-2", "relMSE, to": worst}  # fmt: skip
+            "threads": "2", "seeds": "8", "relMSE, from": "1e-2", "relMSE, to": worst,
+            tables.TRIMMED_RATIO: trimmed, tables.TRIMMED_RATIO + tables.INTERVAL: "2 to 8"}  # fmt: skip
+
+
+@pytest.mark.parametrize("column", ["ratio", "trimmed"])
+def test_the_worse_of_whole_and_trimmed_errors_decides(tmp_path, column):
+    rows = [scene_row(scene, **({column: "2.5"} if scene == "world" else {})) for scene in common.SCENES]
+    rows += [scene_row("geometric mean of 6", **{column: "4.9"}), scene_row("geometric mean of 3 without OSL")]
+    write(tmp_path, "equal_error", rows)
+    mean, least = (goal.row(tmp_path) for goal in goals.GOALS[:2])
+    assert (mean["reached"], least["reached"]) == (goals.NO, goals.NO)
+    of_column = {"ratio": "1 to 9", "trimmed": "2 to 8"}[column]
+    assert f"4.9 ({of_column}), geometric mean of 6" in mean["measured"]
+    assert "9 (1 to 9), geometric mean of 3 without OSL" in mean["measured"]
+    assert least["measured"] == "2.50 (world); 5 of 6 reach it"
 
 
 def test_a_ratio_over_hardly_any_range_does_not_count(tmp_path):

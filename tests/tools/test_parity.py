@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tools import metrics
+
 SHAPE = (8, 16, 24, 3)
 SHARE = 0.01  # of indirect light: a tenth of it less is half of what the mean's tolerance allows
 
@@ -62,7 +64,7 @@ def test_no_indirect_light_fails(parity, rng, against):
 def test_other_brightness_fails(parity, rng):
     ours, theirs = light(rng), light(rng)
     assert verdict(parity, (ours[0] * 1.005, ours[1]), theirs).startswith("FAIL: mean")
-    assert parity.judge_mean(ours[0] * 1.005, theirs[0], 0.01) == "pass"
+    assert metrics.judge_mean(ours[0] * 1.005, theirs[0], 0.01) == "pass"
 
 
 def test_a_difference_that_shows_but_is_tolerated_passes(parity, rng):
@@ -99,7 +101,7 @@ def test_a_scene_without_indirect_light_passes(parity, rng):
 
 def test_chance_hardly_ever_fails_a_mean(parity, rng):
     """The 95 % interval would refuse 25 of 500."""
-    found = [parity.judge_mean(*rng.normal(1, 0.1, (2, 8, 2, 2, 1)), 0.002) for _ in range(500)]
+    found = [metrics.judge_mean(*rng.normal(1, 0.1, (2, 8, 2, 2, 1)), 0.002) for _ in range(500)]
     assert found.count("FAIL") <= 3
 
 
