@@ -3,7 +3,7 @@
 # make test     everything that must hold: style, types, tests
 # make test-long  the tests that take minutes, and the tables of accuracy in benchmarks/results/
 # make test-gui   Lobe in a Blender with a window, which LOBE_BLENDER_WINDOW names; the pictures end up in out/gui/
-# make bench    error against time beside Cycles, into benchmarks/results/: about an hour; it can be interrupted
+# make bench    error against time beside Cycles, into benchmarks/results/: about an hour and a half; it can be interrupted
 # make package  the extension with its wheels, a zip for each system, into out/
 # make clean    removes .venv, out/ and what is kept in the temporary folder, see README.md
 # Each makes .venv from the pinned requirements when it is missing or they have changed.

@@ -15,9 +15,10 @@ import platform
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parent.parent
 if str(ROOT) not in sys.path:
@@ -36,8 +37,11 @@ UNRECORDED = "not recorded"
 VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "neon": "NEON"}  # LLVM's names, the widest first
 SCENES = ("cornell_diffuse", "plates_phong", "lamps", "world", "instances", "many_lights")
 
+T = TypeVar("T")
+
 __all__ = ["RESULTS", "ROOT", "SAMPLES", "SCENES", "SUMMARY", "add_results", "br", "enable_lobe", "engine_label",
-           "leave_out", "markdown", "prepare", "read_table", "render", "run", "scene_path", "update_table"]  # fmt: skip
+           "in_turn", "leave_out", "markdown", "prepare", "read_table", "render", "run", "scene_path",
+           "update_table"]  # fmt: skip
 
 
 def scene_path(name: str) -> Path:
@@ -87,6 +91,14 @@ def render(scene, engine: str, samples: int, seed: int) -> tuple[np.ndarray, dic
     br.set_engine(scene, "CYCLES" if engine == "CYCLES" else "LOBE")
     report = br.render(scene)
     return br.picture(scene, report)[..., :3], report
+
+
+def in_turn(what: Sequence[T], rounds: int) -> Iterator[tuple[int, T]]:
+    """(round, one of `what`), every second round in the opposite order: what comes first or last in one round, on a
+    machine that grows slower or faster, is last or first in the next."""
+    for index in range(rounds):
+        for one in what if index % 2 == 0 else what[::-1]:
+            yield index, one
 
 
 def engine_label(engine: str) -> str:

@@ -13,6 +13,7 @@ a scene differ, 2 for what the user can mend, 130 after Ctrl-C.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import signal
 import sys
@@ -212,9 +213,12 @@ def measure(path: Path, options: argparse.Namespace, codes: dict[str, str], chec
     from benchmarks.convergence import campaign, runs
 
     settings = plan.Settings(path, options.engines, options.budget, options.resolution, options.seeds, options.threads)
-    store = runs.Store(options.store, settings, runs.BlenderRenderer(settings), codes)
     form = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f}/{total:.0f} s{postfix}"
-    with tqdm(total=options.budget, desc=path.stem, bar_format=form, file=sys.stderr) as bar:
+    with (
+        contextlib.closing(runs.Processes(settings)) as renderer,
+        tqdm(total=options.budget, desc=path.stem, bar_format=form, file=sys.stderr) as bar,
+    ):
+        store = runs.Store(options.store, settings, renderer, codes)
 
         def progress(what: str, spent: float) -> None:
             bar.set_postfix_str(what, refresh=False)

@@ -9,6 +9,7 @@ already changes nothing: what is decided on the way depends on the kept seconds,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from tools import metrics
 
+from .. import common
 from . import analysis, plan
 from .analysis import Level
 from .plan import DEFAULT, ENGINES, LEVEL_FACTOR, VARIANTS, Cost, Forecast, Job, Settings, Variant
@@ -35,9 +37,13 @@ class Trial:
     samples: int
     error: float  # relMSE, mean over the seeds
     trimmed: float
-    scatter: float  # standard error of `error`, relative
+    scatter: float  # standard error of `error`, relative; infinite of one seed
     seconds: float  # of the whole render, as its user feels it, median
     sampling: float
+
+    @property
+    def cost(self) -> Cost:
+        return Cost(self.seconds - self.sampling, self.sampling / self.samples)
 
 
 @dataclass(frozen=True)
@@ -92,12 +98,13 @@ class Campaign:
         samples = plan.reference_samples(costs, self.settings.budget)
         long = {engine: self.reference_renders(engine, samples) for engine in ENGINES}
         reference = make_reference(stack(long["LOBE"]), stack(long["CYCLES"]), samples)
-        trials = self.pilot(probes["CYCLES"], reference) if "CYCLES" in self.settings.engines else []
+        wanted = probes["LOBE"].few.report["file_samples"]
+        trials = self.pilot(probes["CYCLES"], reference, wanted) if "CYCLES" in self.settings.engines else []
         variant = best(trials[-1]) if trials else DEFAULT
         forecasts = {engine: forecast(probes[engine], long[engine], reference) for engine in self.settings.engines}
         if trials:
-            forecasts["CYCLES"] = of_variant(forecasts["CYCLES"], trials, variant)
-        renders = self.levels(forecasts, variant, probes["LOBE"].few.report["file_samples"])
+            forecasts["CYCLES"] = of_best(forecasts["CYCLES"], trials)
+        renders = self.levels(forecasts, variant, wanted)
         levels = {
             engine: [analysis.level(n, runs, reference) for n, runs in by_samples.items()]
             for engine, by_samples in renders.items()
@@ -118,19 +125,33 @@ class Campaign:
         """Not timed, so the engines needn't take turns, and a change in Lobe leaves Cycles' renders as they are."""
         return [self.render(plan.job("reference", engine, samples, index)) for index in range(plan.REFERENCE_SEEDS)]
 
-    def pilot(self, probe: Probe, reference: Reference) -> list[list[Trial]]:
+    def pilot(self, probe: Probe, reference: Reference, wanted: int) -> list[list[Trial]]:
         """Which of Cycles' variants has the least time x error on this scene: of VARIANTS, then of the best one's maps
-        of a world with a texture, with seeds of their own. One list of trials or two."""
+        of a world with a texture, then of sampling patterns; at last whether guiding pays in longer renders, where the
+        budget allows them. A list of trials for each, with seeds of their own.
+
+        wanted: the file's own samples
+        """
         samples = plan.pilot_samples(probe.cost, self.settings.budget)
-        found = [self.trials(samples, VARIANTS, 0, reference)]
-        if probe.few.report["textured_world"]:
-            found.append(self.trials(samples, plan.with_maps(best(found[0])), plan.PILOT_SEEDS, reference))
+        found = [self.trials(samples, VARIANTS, plan.PILOT_SEEDS, 0, reference)]
+        beside = ([plan.with_maps] if probe.few.report["textured_world"] else []) + [plan.with_patterns]
+        for stage, variants_of in enumerate(beside, 1):
+            variants, first = variants_of(best(found[-1])), stage * plan.PILOT_SEEDS
+            found.append(self.trials(samples, variants, plan.PILOT_SEEDS, first, reference))
+        chosen = best(found[-1])
+        unguided = next(t for t in found[0] if (t.variant.light_tree, t.variant.guiding) == (chosen.light_tree, False))
+        longer = plan.long_pilot_samples(unguided.cost, self.settings.budget, wanted)
+        if longer > samples:
+            first = len(found) * plan.PILOT_SEEDS
+            found.append(self.trials(longer, plan.with_guiding(chosen), plan.LONG_PILOT_SEEDS, first, reference))
         return found
 
-    def trials(self, samples: int, variants: Sequence[Variant], first: int, reference: Reference) -> list[Trial]:
+    def trials(
+        self, samples: int, variants: Sequence[Variant], seeds: int, first: int, reference: Reference
+    ) -> list[Trial]:
         """Of each of the variants, rendered in turn. first: index of the first seed."""
         found: dict[Variant, list[Render]] = {variant: [] for variant in variants}
-        for index, variant in plan.in_turn(variants, plan.PILOT_SEEDS):
+        for index, variant in common.in_turn(variants, seeds):
             found[variant].append(self.render(plan.job("pilot", "CYCLES", samples, first + index, variant)))
         return [trial(variant, samples, runs, reference) for variant, runs in found.items()]
 
@@ -146,7 +167,7 @@ class Campaign:
         found: dict[str, dict[int, list[Render]]] = {
             engine: {n: [] for n in plan.ladder(most[engine])} for engine in engines
         }
-        for index, (engine, samples) in plan.in_turn(plan.units(most), seeds):
+        for index, (engine, samples) in common.in_turn(plan.units(most), seeds):
             found[engine][samples].append(self.render(plan.job("level", engine, samples, index, variant, engines)))
         return found
 
@@ -170,7 +191,7 @@ def stack(renders: Iterable[Render]) -> np.ndarray:
 def trial(variant: Variant, samples: int, runs: list[Render], reference: Reference) -> Trial:
     whole, trimmed = np.array([reference.errors(render.picture) for render in runs]).T
     seconds, sampling = (float(np.median([getattr(r, kind) for r in runs])) for kind in ("total", "sampling"))
-    scatter = analysis.standard_error(whole) / max(abs(whole.mean()), 1e-12)
+    scatter = analysis.standard_error(whole) / max(abs(whole.mean()), 1e-12) if len(runs) > 1 else np.inf
     return Trial(variant, samples, float(whole.mean()), float(trimmed.mean()), scatter, seconds, sampling or seconds)
 
 
@@ -199,16 +220,14 @@ def forecast(probe: Probe, long: list[Render], reference: Reference) -> Forecast
     )
 
 
-def of_variant(default: Forecast, trials: Sequence[Sequence[Trial]], variant: Variant) -> Forecast:
-    """Cycles' forecast with a variant's settings: that of the default's, times what the pilot found between them."""
-    usual = next(t for t in trials[0] if t.variant == DEFAULT)
-    chosen = next(t for t in trials[-1] if t.variant == variant)
-    change = chosen.trimmed / usual.trimmed if usual.trimmed > 0.0 else 1.0
-    return Forecast(
-        Cost(chosen.seconds - chosen.sampling, chosen.sampling / chosen.samples),
-        (1, default.few[1] * change),
-        (default.many[0], default.many[1] * change),
+def of_best(default: Forecast, trials: Sequence[Sequence[Trial]]) -> Forecast:
+    """Cycles' forecast with the settings that the pilot chose: the default's, times what each of its stages found
+    between the best and what it came with, which stands first."""
+    chosen = [next(t for t in stage if t.variant == best(stage)) for stage in trials]
+    change = math.prod(
+        c.trimmed / stage[0].trimmed if stage[0].trimmed > 0.0 else 1.0 for c, stage in zip(chosen, trials, strict=True)
     )
+    return Forecast(chosen[-1].cost, (1, default.few[1] * change), (default.many[0], default.many[1] * change))
 
 
 def visible_level(levels: dict[str, list[Level]]) -> Level:

@@ -6,12 +6,10 @@ Pure data and arithmetic; nothing here renders.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
 
-T = TypeVar("T")
+from ..common import in_turn  # noqa: F401  benchmarks/ceiling.py has it from here
 
 ENGINES = ("LOBE", "CYCLES")
 LEVEL_FACTOR = 4
@@ -22,8 +20,11 @@ LEAST_OVERLAP, WANTED_OVERLAP = 10.0, 16.0
 STEEPEST = -1.5  # slope of an error over samples that a forecast believes
 REFERENCE_SEEDS = 8
 PILOT_SEEDS = 3
-# Shares of the budget; the levels get what is left, or as much of it as they need.
-REFERENCE_SHARE, PILOT_SHARE = 0.2, 0.1
+LONG_PILOT_SEEDS = 1  # of long renders, whose trimmed errors one seed tells
+# Shares of the budget; the levels get what is left, or as much of it as they need. The reference
+# gets most, as all errors have its noise.
+REFERENCE_SHARE, PILOT_SHARE, LONG_PILOT_SHARE = 0.3, 0.1, 0.1
+GUIDED_COST = 2.0  # how much longer a sample takes with guiding, about
 # No render uses a seed of another purpose: the reference must not share its noise with what is measured against it.
 # The engines' seeds differ for the same reason.
 FIRST_SEED = {"level": 1, "reference": 10_001, "pilot": 20_001, "probe": 30_001, "picture": 40_001}
@@ -34,23 +35,23 @@ ENGINE_SEED = {"LOBE": 0, "CYCLES": 1_000_000}
 class Variant:
     """Settings of Cycles that change its speed and noise, and not the picture that it converges to.
 
-    Its sampling pattern is none of them: on the six samples Automatic is Blue Noise in all but name, and Tabulated
-    Sobol as quick, at 16 samples with a few per cent more relMSE on some and less on others.
-
     world_map: width of the map by which it samples a world with a texture; 0: Cycles chooses it (AUTOMATIC)
+    tabulated: tabulated Sobol points in place of what Cycles chooses, which is blue noise
     """
 
     light_tree: bool = True
     guiding: bool = False
     world_map: int = 0
+    tabulated: bool = False
 
     def __str__(self) -> str:
         text = f"light tree {'on' if self.light_tree else 'off'}, guiding {'on' if self.guiding else 'off'}"
-        return f"{text}, world map {self.world_map}" if self.world_map else text
+        text += f", world map {self.world_map}" if self.world_map else ""
+        return text + (", tabulated Sobol" if self.tabulated else "")
 
     @property
     def slug(self) -> str:
-        return f"tree{self.light_tree:d}-guiding{self.guiding:d}-map{self.world_map}"
+        return f"tree{self.light_tree:d}-guiding{self.guiding:d}-map{self.world_map}-table{self.tabulated:d}"
 
 
 DEFAULT = Variant()
@@ -58,8 +59,19 @@ VARIANTS = (DEFAULT, Variant(light_tree=False), Variant(guiding=True), Variant(l
 WORLD_MAPS = (0, 1024, 2048)  # tried with the best of VARIANTS alone, where the world has a texture
 
 
+# What is tried beside the best so far, which stands first.
+
+
 def with_maps(best: Variant) -> tuple[Variant, ...]:
     return tuple(replace(best, world_map=width) for width in WORLD_MAPS)
+
+
+def with_patterns(best: Variant) -> tuple[Variant, ...]:
+    return best, replace(best, tabulated=not best.tabulated)
+
+
+def with_guiding(best: Variant) -> tuple[Variant, ...]:
+    return best, replace(best, guiding=not best.guiding)
 
 
 @dataclass(frozen=True)
@@ -68,7 +80,7 @@ class Settings:
 
     scene: Path
     engines: tuple[str, ...] = ENGINES
-    budget: float = 720.0  # the slowest of the sample scenes needs nearly that for its levels
+    budget: float = 960.0  # the slowest of the sample scenes needs nearly that
     resolution: tuple[int, int] = (384, 256)
     seeds: int = 8
     threads: int = 2
@@ -89,18 +101,16 @@ class Job:
     def seed(self) -> int:
         return FIRST_SEED[self.purpose] + ENGINE_SEED[self.engine] + self.index
 
+    @property
+    def round(self) -> int | None:
+        """Which round of the levels it belongs to. Each has a process of its own: what differs between processes and
+        not between renders, as where memory happens to lie, is then as different between seeds. None: in any."""
+        return self.index if self.purpose == "level" else None
+
 
 def job(purpose: str, engine: str, samples: int, index: int, variant: Variant = DEFAULT, beside=()) -> Job:
     """`variant` counts for Cycles alone."""
     return Job(purpose, engine, samples, index, variant if engine == "CYCLES" else None, tuple(beside))
-
-
-def in_turn(what: Sequence[T], rounds: int) -> Iterator[tuple[int, T]]:
-    """(round, one of `what`), every second round in the opposite order: what comes first or last in one round, on a
-    machine that grows slower or faster, is last or first in the next."""
-    for index in range(rounds):
-        for one in what if index % 2 == 0 else what[::-1]:
-            yield index, one
 
 
 @dataclass(frozen=True)
@@ -186,9 +196,16 @@ def reference_samples(costs: dict[str, Cost], budget: float) -> int:
 
 
 def pilot_samples(cycles: Cost, budget: float) -> int:
-    """A power of 4, for a share of the budget. Guided samples cost more than others, about twice, hence the 1.5."""
-    left = PILOT_SHARE * budget / (PILOT_SEEDS * len(VARIANTS) * 1.5) - cycles.fixed
+    """A power of 4, for a share of the budget. Half of the variants are guided."""
+    left = PILOT_SHARE * budget / (PILOT_SEEDS * len(VARIANTS) * (1 + GUIDED_COST) / 2) - cycles.fixed
     return power_below(left / cycles.per_sample, LEVEL_FACTOR)
+
+
+def long_pilot_samples(unguided: Cost, budget: float, wanted: int) -> int:
+    """The same of renders with guiding and without: Cycles trains it for up to 128 samples, so few tell too little. At
+    most the largest power of 4 up to the file's own samples, `wanted`, where the levels end."""
+    left = LONG_PILOT_SHARE * budget / (LONG_PILOT_SEEDS * (1 + GUIDED_COST)) - unguided.fixed
+    return min(power_below(left / unguided.per_sample, LEVEL_FACTOR), power_below(wanted, LEVEL_FACTOR))
 
 
 def power_below(value: float, base: int) -> int:

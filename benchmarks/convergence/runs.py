@@ -1,4 +1,4 @@
-"""Rendering jobs inside Blender, and the store that keeps every finished render.
+"""Rendering jobs inside Blender, in processes of their own, and the store that keeps every finished render.
 
 A render's file lies under everything that it depends on: scene file, resolution, threads, engine, variant, samples,
 seed and code. So a run that was interrupted finds what it has done, and a change of the engine is noticed. Times are
@@ -11,10 +11,13 @@ import hashlib
 import inspect
 import json
 import os
+import pickle
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,8 @@ from tools import lobe_blender
 from .. import common
 from ..common import br
 from .plan import Job, Settings, Variant
+
+WORKER = sys.executable, "-m", f"{__package__}.worker"
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ class BlenderRenderer:
         if job.variant is not None:  # after the fair settings, which turn guiding off
             scene.cycles.use_light_tree = job.variant.light_tree
             scene.cycles.use_guiding = scene.cycles.use_surface_guiding = job.variant.guiding
+            scene.cycles.sampling_pattern = "TABULATED_SOBOL" if job.variant.tabulated else "AUTOMATIC"
             if has_textured_world(scene):
                 set_world_map(scene.world, job.variant.world_map)
         report = br.render(scene)
@@ -104,6 +110,45 @@ def set_world_map(world, width: int) -> None:
     world.cycles.sampling_method = "MANUAL" if width else "AUTOMATIC"
     if width:
         world.cycles.sample_map_resolution = width
+
+
+class Processes:
+    """Renders jobs of one scene file in processes of their own: each round of levels in another, one at a time. To be
+    closed."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.round: int | None = None  # of the process that is there
+        self.process: subprocess.Popen | None = None
+
+    def __call__(self, job: Job) -> Render:
+        if self.process is None or (job.round is not None and job.round != self.round):
+            self.close()
+            self.start(job.round)
+        assert self.process is not None and self.process.stdin is not None and self.process.stdout is not None
+        try:
+            pickle.dump(job, self.process.stdin)
+            self.process.stdin.flush()
+            answer = pickle.load(self.process.stdout)
+        except (EOFError, BrokenPipeError):
+            raise br.ToolError("the process that renders has ended; what it said stands above") from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def start(self, round: int | None) -> None:
+        """In a session of its own, so that Ctrl-C in the terminal doesn't reach it."""
+        self.round = round
+        self.process = subprocess.Popen(
+            WORKER, cwd=common.ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert self.process.stdin is not None
+        pickle.dump(replace(self.settings, scene=self.settings.scene.absolute()), self.process.stdin)
+
+    def close(self) -> None:
+        if self.process is not None:
+            self.process.communicate()  # the end of its input is its own
+            self.process = None
 
 
 class Store:

@@ -312,11 +312,6 @@ def test_flip_knows_alike_from_different(rng):
     assert analysis.flip(np.zeros(SHAPE), picture) > 0.3
 
 
-def test_plan_takes_turns():
-    assert list(plan.in_turn(("LOBE", "CYCLES"), 3)) == [(0, "LOBE"), (0, "CYCLES"), (1, "CYCLES"), (1, "LOBE"),
-                                                         (2, "LOBE"), (2, "CYCLES")]  # fmt: skip
-
-
 def test_no_seed_serves_two_purposes():
     seeds = [plan.job(purpose, engine, 1, index).seed for purpose in plan.FIRST_SEED for engine in plan.ENGINES
              for index in range(1000)]  # fmt: skip
@@ -330,8 +325,10 @@ def test_cost_of_a_render():
 
 def test_shares_of_the_budget():
     costs = {"LOBE": plan.Cost(0.0, 0.01), "CYCLES": plan.Cost(0.0, 0.03)}
-    assert plan.reference_samples(costs, 120.0) == 64  # 0.2 * 120 s / 8 renders of 0.04 s a sample: 75
+    assert plan.reference_samples(costs, 80.0) == 64  # 0.3 * 80 s / 8 renders of 0.04 s a sample: 75
     assert plan.pilot_samples(costs["CYCLES"], 100.0) == 16
+    # 0.1 * 100 s / renders of 0.03 s a sample and of twice that: 111.
+    assert [plan.long_pilot_samples(costs["CYCLES"], 100.0, wanted) for wanted in (1, 63, 64, 512)] == [16, 16, 64, 64]
 
 
 def forecast(at_one: float, per_sample: float) -> plan.Forecast:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import replace
 
@@ -98,7 +99,9 @@ def test_the_campaign_finds_what_was_put_in(tmp_path, scene):
     outcome = measure(tmp_path, settings(scene), FakeRenderer())
     assert outcome.reference.verdict != "DIFFER"  # so few pixels leave it open
     assert outcome.variant == BEST
-    assert [[trial.variant for trial in trials] for trials in outcome.trials] == [list(VARIANTS)]
+    assert [[trial.variant for trial in trials] for trials in outcome.trials] == [
+        list(VARIANTS), [BEST, replace(BEST, tabulated=True)],
+    ]  # fmt: skip
     lobe, cycles = (outcome.levels[engine] for engine in ("LOBE", "CYCLES"))
     assert [level.samples for level in lobe] == [level.samples for level in cycles] == [1, 4, 16, 64]
     assert analysis.slopes(lobe)[0] == pytest.approx(-1.0, abs=0.05)
@@ -113,9 +116,9 @@ def test_a_world_with_a_texture_is_sampled_by_the_map_that_is_quickest_in_all(tm
     """Its preparation is no sampling, and counts all the same."""
     renderer = FakeRenderer(textured=True)
     outcome = measure(tmp_path, settings(scene), renderer)
-    assert [[trial.variant for trial in trials] for trials in outcome.trials] == [
-        list(VARIANTS), [BEST, replace(BEST, world_map=1024), replace(BEST, world_map=2048)],
-    ]  # fmt: skip
+    stages = [[trial.variant for trial in trials] for trials in outcome.trials]
+    assert stages[:2] == [list(VARIANTS), [BEST, replace(BEST, world_map=1024), replace(BEST, world_map=2048)]]
+    assert all(variant.world_map == outcome.variant.world_map for stage in stages[2:] for variant in stage)
     assert outcome.variant.world_map in (1024, 2048)
     assert {job.variant for job in renderer.jobs if (job.purpose, job.engine) == ("level", "CYCLES")} == {
         outcome.variant
@@ -124,7 +127,23 @@ def test_a_world_with_a_texture_is_sampled_by_the_map_that_is_quickest_in_all(tm
     assert row["Cycles' settings"] == f"light tree off, guiding off, world map {outcome.variant.world_map}"
     assert "; then light tree off, guiding off: " in row["pilot: time x error to the best"]
     pilot = [job for job in renderer.jobs if job.purpose == "pilot"]
-    assert len({(job.seed, job.variant) for job in pilot}) == len(pilot) == (4 + 3) * plan.PILOT_SEEDS
+    seeds = (4 + 3 + 2) * plan.PILOT_SEEDS
+    assert len({(job.seed, job.variant) for job in pilot}) == len(pilot) == seeds
+
+
+@pytest.mark.parametrize(("pays_from", "chosen"), [(64, True), (256, False)])
+def test_guiding_that_pays_in_longer_renders_is_chosen(tmp_path, scene, pays_from, chosen):
+    class Learning(FakeRenderer):
+        def __call__(self, job: Job) -> runs.Render:
+            render = super().__call__(job)
+            if job.variant is not None and job.variant.guiding and job.samples >= pays_from:
+                return replace(render, picture=(TRUTH + (render.picture - TRUTH) / 4).astype(np.float32))
+            return render
+
+    outcome = measure(tmp_path, settings(scene, budget=20.0), Learning())
+    assert [trials[0].samples for trials in outcome.trials] == [16, 16, 64]
+    assert not campaign.best(outcome.trials[-2]).guiding
+    assert outcome.variant.guiding == chosen
 
 
 def test_bright_pixels_do_not_choose_the_variant():
@@ -328,3 +347,23 @@ def test_the_page_needs_nothing_else_and_keeps_other_scenes(tmp_path, scene):
     assert "box filter, the same bounces" in text and "below 0.2 %" in text
     assert path.with_name("page_scene.png").read_bytes().startswith(b"\x89PNG")
     assert len(text) < 400_000
+
+
+def test_each_round_of_levels_has_a_process_of_its_own(tmp_path):
+    chosen = Settings(common.scene_path("cornell_diffuse"), resolution=(8, 8), threads=1)
+    levels = [job("level", engine, 1, index) for index in (0, 1) for engine in plan.ENGINES]
+    jobs = [job("probe", "LOBE", 1, 0), *levels, job("picture", "LOBE", 1, 0)]
+    processes = []
+    with contextlib.closing(runs.Processes(chosen)) as renderer:
+        for one in jobs:
+            assert renderer(one).picture.shape == (8, 8, 3)
+            processes.append(renderer.process.pid)
+    first, second, third = dict.fromkeys(processes)
+    assert processes == [first, second, second, third, third, third]
+    assert renderer.process is None
+
+
+def test_what_a_process_cannot_do_is_told(tmp_path):
+    renderer = runs.Processes(Settings(tmp_path / "no.blend"))
+    with contextlib.closing(renderer), pytest.raises(common.br.ToolError, match=r"no\.blend' does not exist"):
+        renderer(job("probe", "LOBE", 1, 0))
