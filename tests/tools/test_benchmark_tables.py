@@ -8,7 +8,7 @@ from tools.lobe_blender import enable_lobe
 
 enable_lobe()  # before anything imports bpy
 
-REQUIRED = {"speed": ["lamps"], "parity": ["lamps"]}  # arguments
+REQUIRED = {"parity": ["lamps"]}  # arguments
 
 
 @pytest.fixture
@@ -75,8 +75,8 @@ def test_rows_of_another_form_are_dropped(common):
 
 
 @pytest.mark.parametrize("name", [
-    "classic", "denoise", "hotspots", "materials", "packages", "parity", "passes", "scale", "speed",
-    "startup", "trials", "viewport",
+    "classic", "denoise", "hotspots", "materials", "packages", "parity", "passes", "scale", "startup", "trials",
+    "viewport",
 ])  # fmt: skip
 def test_a_trial_run_can_write_elsewhere(script, repository, tmp_path, name):
     """Than into the tables that the pages quote."""
@@ -85,6 +85,10 @@ def test_a_trial_run_can_write_elsewhere(script, repository, tmp_path, name):
     assert parse([*arguments, "--results", str(tmp_path)]).results == tmp_path
     source = (repository / "benchmarks" / f"{name}.py").read_text()
     assert source.count("update_table(") == source.count("folder=options.results"), "a table that goes elsewhere"
+
+
+def test_turns_go_forth_and_back(common):
+    assert list(common.in_turn("ab", 3)) == [(0, "a"), (0, "b"), (1, "b"), (1, "a"), (2, "a"), (2, "b")]
 
 
 def test_scene_paths(common, repository):

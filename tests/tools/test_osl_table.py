@@ -22,11 +22,21 @@ def test_it_is_switched_on_and_off_in_turn(tmp_path, monkeypatch):
     monkeypatch.setattr(common.br, "render", render)
     monkeypatch.setattr(osl, "SAMPLES", 4)
     written = osl.table([common.scene_path("cornell_diffuse")], (16, 16), 1, 2, tmp_path)
-    assert systems == [True, False] + [True, False, False, True]  # warm, then two pairs
+    again = len(systems[2:]) // 4
+    assert systems == [True, False] + again * [True, False, False, True]  # warm, then two pairs, or these again
     (row,) = common.read_table("osl", tmp_path)
     assert written.count("cornell_diffuse") == 1
     assert float(row["means of the pictures"]) == pytest.approx(1.0, abs=0.05)
     assert "at equal samples" in (tmp_path / "osl.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("scatters", "attempts", "kept"), [([1.4, 9.0], 1, 1.4), ([9.0, 1.2], 2, 1.2), ([9.0, 2.0, 3.0, 1.0], 3, 2.0)]
+)
+def test_times_that_scatter_are_measured_again(scatters, attempts, kept):
+    measured = iter([osl.Pairs((1.0, 1.0, scatter), (1.0, 1.0, 1.0), 1.0) for scatter in scatters])
+    assert osl.scatter(osl.steadiest(lambda: next(measured)).total) == kept
+    assert len(list(measured)) == len(scatters) - attempts
 
 
 def test_scenes_with_phong_need_it(tmp_path):
