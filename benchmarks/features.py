@@ -1,9 +1,8 @@
 """What skipping saves: each feature that a scene may lack, and what it costs to have it in the kernel all the same.
 
 A sample scene that lacks a feature, by choice one with much of what the feature would burden, is rendered by its own
-kernel and by the same one with the feature forced on, in turn; tables are filled up as that kernel needs them. Where
-the kernel that goes in stages doesn't have the feature, both are timed path by path as well. Kernels are compiled in
-processes of their own, each with an empty cache. `tools/bench.py --features` prints the table.
+kernel and by the same one with the feature forced on, in turn; tables are filled up as that kernel needs them. Kernels
+are compiled in processes of their own, each with an empty cache. `tools/bench.py --features` prints the table.
 """
 
 from __future__ import annotations
@@ -26,9 +25,8 @@ from benchmarks import common
 from benchmarks.common import br
 from engine import render, schedule
 from engine.features import EMITTER_TREE, EVERYTHING, Features
+from engine.kernels.batch import new_batch
 from engine.kernels.embree import build_monitor
-from engine.kernels.staged import covers
-from engine.kernels.tile import new_memory
 from engine.loading import load_kernel
 from engine.pack import pack
 from engine.prepared import Prepared
@@ -36,7 +34,7 @@ from engine.scene import Camera, Scene
 from engine.settings import Settings
 from engine.tiles import tile_kernel
 from tools import metrics
-from tools.forcing import by_path, forced
+from tools.forcing import forced
 
 SAMPLES = 16
 COMPILATIONS = 3
@@ -46,20 +44,20 @@ LEFT_OUT = {
     "phong": "the lobe's code, the choice between lobes",
     "smooth": "three normals for each triangle and their interpolation",
     "instances": "a matrix for each instance, points and normals to the world",
-    "transparency": "rays that go on, shadow rays that look for what dims them; renders path by path",
+    "transparency": "rays that go on, shadow rays that look for what dims them",
     "mesh_emitters": "emission where rays meet surfaces, an emitter's number for each triangle",
     "rectangle_emitters": "a rectangle for each pair of triangles, sampling by its solid angle",
     "lamp_kinds": "sampling points, balls, disks, rectangles, ellipses, spots",
     "lamp_shapes": "asking a few lamps one after the other where rays go, noting many where Embree meets them",
     "unshadowed": "light that is let through everything",
-    "ray_kinds": "which kind of ray sees what, and goes how far; renders path by path",
+    "ray_kinds": "which kind of ray sees what, and goes how far",
     "emitter_choice": "the light tree",
     "suns": "sampling suns",
     "sun_disks": "suns that rays meet",
     "world": "the image and its tables, sampling it",
     "lens": "a point of the lens",
     "clamp": "limits of contributions",
-    "holdout": "surfaces that are holes in the picture; renders path by path",
+    "holdout": "surfaces that are holes in the picture",
     "transparent_film": "how much of the background shows; with it, the background isn't drawn",
     "light_passes": "sums of the parts of the light; with it, the passes Emission and Environment",
 }
@@ -79,7 +77,7 @@ CHOICES = {
 # Where there is most to lose: a scene with much of what the feature adds work or memory to.
 TELLING = {
     "smooth": "many_lights",  # triangles
-    "transparency": "many_lights",  # shadow rays, and short stages path by path
+    "transparency": "many_lights",  # shadow rays
     "ray_kinds": "many_lights",
     "holdout": "many_lights",
     "unshadowed": "many_lights",  # lamps
@@ -119,14 +117,12 @@ def measure(scenes: dict[str, Scene], feature: str, threads: int, runs: int) -> 
     name = TELLING[feature] if TELLING.get(feature) in lacking else lacking[0]
     scene, both = scenes[name], pairs[name]
     assert both is not None
-    leaves_stages = covers(both.own) and not covers(both.forced)
     compile_time, code = _compiled(both)
     return {
         "feature": feature.replace("_", " "),
         "left out": LEFT_OUT[feature],
         "scene": name,
         "render with it / without": _ratio(scene, settings, feature, runs),
-        "both path by path": _ratio(scene, settings, feature, runs, by_path) if leaves_stages else "",
         "tables and threads, kB": f"{more_bytes(scene, settings, feature) / 1e3:+.1f}",
         "machine code, kB": f"{code / 1e3:+.0f}",
         "compile with it / without": f"{compile_time:.2f}",
@@ -137,12 +133,12 @@ def _with(feature: str) -> AbstractContextManager[None]:
     return forced(lambda features: features._replace(**{feature: FORCED[feature]}))
 
 
-def _ratio(scene: Scene, settings: Settings, feature: str, runs: int, both=nullcontext) -> str:
-    """Of the times of the render phase, the median of pairs with its range. both: a context for the two of a pair."""
+def _ratio(scene: Scene, settings: Settings, feature: str, runs: int) -> str:
+    """Of the times of the render phase, the median of pairs with its range."""
     seconds: dict[bool, list[float]] = {True: [], False: []}
     for run in range(runs + 1):
         for on in (True, False) if run % 2 else (False, True):
-            with both(), _with(feature) if on else nullcontext():
+            with _with(feature) if on else nullcontext():
                 taken = render(scene, asked(settings, feature) if on else settings).seconds["render"]
             if run:  # the first compiles
                 seconds[on].append(taken)
@@ -150,7 +146,7 @@ def _ratio(scene: Scene, settings: Settings, feature: str, runs: int, both=nullc
 
 
 def more_bytes(scene: Scene, settings: Settings, feature: str) -> int:
-    """That the tables and the threads' memory grow by. They shrink where the kernel goes path by path."""
+    """That the tables and the threads' memory grow by."""
     with _with(feature):
         forced_on = _bytes(scene, asked(settings, feature))
     return forced_on - _bytes(scene, settings)
@@ -160,7 +156,7 @@ def _bytes(scene: Scene, settings: Settings) -> int:
     """Of all tables of a scene as a render packs it, and of the threads' memory."""
     packed = schedule.pack_next(Prepared(), scene, settings)
     tables = *packed.geometry, *packed.lights, *packed.environment, *packed.tree
-    memory = new_memory(packed.features, packed.lights.shape_count).nbytes * settings.thread_count
+    memory = new_batch(packed.features, packed.lights.shape_count).nbytes * settings.thread_count
     return memory + sum(table.nbytes for table in tables if isinstance(table, np.ndarray))
 
 
@@ -200,10 +196,8 @@ def compile_and_say(features: Features) -> None:
 
 
 NOTE = """\
-Of the scene that is named, the same render by a kernel that has a feature which the scene lacks. "Both path by path":
-the stages' kernel doesn't have the feature, so with it paths are followed one by one. The first ratio holds that change
-too, and this one, of two renders path by path, is the feature's own. "Tables and threads": by how much the tables of
-that scene grow, and the memory of the threads, of which a batch of paths takes the more.
+Of the scene that is named, the same render by a kernel that has a feature which the scene lacks. "Tables and threads":
+by how much the tables of that scene grow, and the memory of the threads.
 
 """
 

@@ -85,7 +85,7 @@ def load_kernel(packed: Packed, settings: Settings) -> None:
     limits = tiles.limits_of(packed.features, settings)
     with _no_garbage_collection():
         tiles.tile_kernel(packed.features)(
-            tiles.tables_of(packed), limits, tiles.new_memory(packed.features), (0, 0, 0, 0), 0, 0, np.uint32(0),
+            tiles.tables_of(packed), limits, tiles.new_batch(packed.features), (0, 0, 0, 0), 0, 0, np.uint32(0),
             np.zeros(2, np.int64), np.zeros((1, 1, 4)), np.zeros((1, 1), np.int32), np.zeros((1, 1, 3)),
             np.ones((1, 1), np.bool_), tiles.NO_PARTS, np.zeros(COUNTERS, np.int64), np.zeros(1, np.uint8),
         )  # fmt: skip

@@ -12,12 +12,12 @@ import numpy as np
 from .adaptive import AdaptiveSampling
 from .features import Features
 from .film import Film
-from .kernels.batch import BATCH
+from .kernels.batch import BATCH, new_batch
 from .kernels.embree import new_ray
 from .kernels.first_hit import make_first_hit_kernel
 from .kernels.parts import PartSums
 from .kernels.records import COUNTERS, Limits, Tables
-from .kernels.tile import make_tile_kernel, new_memory
+from .kernels.staged import make_staged_kernel
 from .pack import Packed
 from .passes import LIGHT
 from .settings import Settings
@@ -31,7 +31,7 @@ LARGEST = float(np.finfo(np.float32).max)  # a clamp beyond it limits nothing
 NOT_ADAPTIVE = np.zeros((1, 1, 3)), np.ones((1, 1), np.bool_)  # stands for AdaptiveSampling.half and .active
 NO_PARTS = PartSums(np.zeros((1, 1, 1)), np.full(len(LIGHT), -1, np.int64))
 
-tile_kernel = cache(make_tile_kernel)
+tile_kernel = cache(make_staged_kernel)
 first_hit_kernel = cache(make_first_hit_kernel)
 
 
@@ -73,7 +73,7 @@ def render_tiles(
     limits, seed = limits_of(packed.features, settings), np.uint32(settings.seed & 0xFFFFFFFF)
     origin = np.array(film.region[:2], np.int64)
     half, active = (adaptive.half, adaptive.active) if adaptive else NOT_ADAPTIVE
-    memory = new_memory(packed.features, packed.lights.shape_count)
+    memory = new_batch(packed.features, packed.lights.shape_count)
     parts = PartSums(film.passes.parts, film.passes.part_columns) if film.passes else NO_PARTS
     look = first_hits(packed, film, seed, active) if packed.surfaces and film.passes else None
     counters, rays = np.zeros(COUNTERS, np.int64), 0

@@ -13,7 +13,7 @@ import scenes
 
 from engine import Interactive, PointLight, Progress, Settings, compilation, loading, render, tiles
 from engine.compilation import ONCE, PREPARING, Compilation, functions_of
-from engine.kernels.tile import make_tile_kernel
+from engine.kernels.staged import make_staged_kernel
 from engine.pack import pack
 from engine.pack.lamps import MOST_LISTED_ROUND
 from engine.result import Doing
@@ -95,7 +95,7 @@ def slow(tmp_path: Path, monkeypatch) -> threading.Event:
     """No kernel is kept or loaded, and it takes until this is set to have one."""
     told, load = threading.Event(), loading.load_kernel
     monkeypatch.setattr(loading, "CACHE_FOLDER", tmp_path)
-    monkeypatch.setattr(tiles, "tile_kernel", cache(make_tile_kernel))
+    monkeypatch.setattr(tiles, "tile_kernel", cache(make_staged_kernel))
 
     def slowly(*arguments) -> None:
         assert told.wait(PATIENCE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from unittest import mock
 
 import numpy as np
@@ -13,16 +12,16 @@ import pytest
 import scenes
 from sample_scenes import SCENES, sample_scene
 
-import engine.kernels.tile as tile
 import engine.pack.geometry as packing
 from engine import PASSES, Scene, Settings, SettingsError, World, render, schedule, tiles
 from engine.film import Film
 from engine.kernels import first_hit
-from engine.kernels.path import make_path_kernel, new_path
+from engine.kernels.batch import new_batch
 from engine.pack import pack
 from engine.passes import COLOR_OF, LIGHT, MEAN, MIDDLE, NOTHING_THERE, PassFilm, divided
 from engine.reference.camera import camera_rays
 from engine.scene import Aperture, AreaLight, Material, Mist, PointLight, Visibility
+from tools.by_path import by_path
 
 ALL = tuple(PASSES)
 ROUNDING = 2e-6  # of sums in float32, relative to the brightest of what is added
@@ -161,18 +160,17 @@ def test_parts_add_up_whatever_the_scene_needs(name):
     assert np.allclose(result.pixels, picture(scene, (), **changes).pixels, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["cornell", "every lamp", "image", "unshadowed"])
-def test_both_kernels_share_light_out_alike(name):
-    scene = {"cornell": lambda: scenes.cornell(SIZE), **{key: made for key, (made, _) in CORNERS.items()}}[name]()
-    assert tile.covers(pack(scene, Settings()).features)
+STAGED = ["every lamp", "image", "unshadowed", "pane", "kinds of rays", "kinds end apart", "unlike shadows"]
+
+
+@pytest.mark.parametrize("name", STAGED)
+def test_light_is_shared_out_as_path_by_path(name):
+    scene = CORNERS[name][0]()
     staged = picture(scene, samples=32).passes
-    with (
-        mock.patch.object(tiles, "tile_kernel", cache(make_path_kernel)),
-        mock.patch.object(tiles, "new_memory", lambda features, lamps=0: new_path(lamps, features.light_passes)),
-    ):
-        by_path = picture(scene, samples=32).passes
+    with by_path():
+        others = picture(scene, samples=32).passes
     for key in LIGHT:
-        assert np.allclose(staged[key].mean(axis=(0, 1)), by_path[key].mean(axis=(0, 1)), rtol=2e-3, atol=1e-6), key
+        assert np.allclose(staged[key].mean(axis=(0, 1)), others[key].mean(axis=(0, 1)), rtol=2e-3, atol=1e-6), key
 
 
 def test_light_that_is_too_strong_is_left_out_of_all_passes():
@@ -440,7 +438,7 @@ def test_light_passes_alone_trace_nothing_more():
     assert picture(scene, ("EMISSION", "ENVIRONMENT")).rays == without.rays
     assert pack(scene, Settings(passes=("EMISSION",))).surfaces is None
     features = pack(scene, Settings()).features
-    assert tile.new_memory(features).size < tile.new_memory(features._replace(light_passes=1)).size
+    assert new_batch(features).size < new_batch(features._replace(light_passes=1)).size
 
 
 @pytest.mark.parametrize(

@@ -9,27 +9,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from contextlib import ExitStack
 from dataclasses import replace
-from functools import cache
 from unittest import mock
 
 import numpy as np
 import pytest
 import scenes
 
-import engine.kernels.tile as tile
 import engine.pack.geometry as packing
 from engine import Scene, Settings, World, render, tiles
-from engine.features import Features
 from engine.kernels import batch
-from engine.kernels.bsdf.diffuse import REJECTION
-from engine.kernels.embree import new_ray
+from engine.kernels.embree import ray_words
 from engine.kernels.jit import AS_WRITTEN, CACHE_FOLDER
-from engine.kernels.path import make_path_kernel
-from engine.kernels.staged import covers
+from engine.kernels.simd import WIDTH
 from engine.pack import pack
-from engine.scene import Aperture, Material
+from engine.scene import Aperture, Material, Visibility
+from tools.by_path import by_path
 
 SIZE = 24
 ROUNDING = 1e-4  # relative, of a pixel
@@ -37,7 +32,6 @@ TURNED = 0.005  # of the pixels: a rounding may turn a decision of a path over. 
 GARBAGE = {"infinite": 0x7F800000, "no number": 0x7FC00000, "minus one": 0xBF800000, "all bits": 0xFFFFFFFF}
 CLAMPED = {"clamp_direct": 2.0, "clamp_indirect": 0.2}
 ADAPTIVE = {"use_adaptive_sampling": True, "adaptive_threshold": 0.05, "samples": 128}
-path_kernel = cache(make_path_kernel)
 
 
 def through_a_lens() -> Scene:
@@ -59,6 +53,44 @@ def under_a_sky() -> Scene:
     return scene
 
 
+def behind_panes(**changes) -> Scene:
+    """A Cornell box whose walls have a Phong lobe, behind two tinted panes that reflect a little, lamps before, between
+    and behind them."""
+    scene = scenes.cornell(SIZE)
+    scene.materials[0] = Material("white", kd=(0.4,) * 3, ks=(0.4,) * 3, exponent=30.0)
+    pane = Material("pane", kd=(0.1, 0.2, 0.3), emission=(0.01,) * 3, transparency=(0.7, 0.5, 0.0))
+    scene.materials.append(replace(pane, **changes))
+    for y in (-1.4, 0.0):
+        scene.add_instance(scenes.quad_mesh((-0.8, y, -0.9), (1.6, 0, 0), (0, 0.2, 1.6)), materials=(4,))
+    scene.lights = [scenes.lamp("sphere"), scenes.lamp("area"), scenes.lamp("wide_sun")]
+    return scene
+
+
+def with_holes(transparency: float) -> Scene:
+    """The panes are holdouts that let through as much, before a film that shows no world."""
+    scene = behind_panes(holdout=True, transparency=(transparency,) * 3)
+    scene.transparent_film, scene.world = True, World(color=(0.1, 0.2, 0.3))
+    return scene
+
+
+def seen_by_some() -> Scene:
+    """Each kind of ray sees other lamps, and not all see the world."""
+    scene = behind_panes()
+    kinds = Visibility.DIFFUSE, Visibility.GLOSSY, Visibility.CAMERA
+    scene.lights = [
+        replace(lamp, visibility=Visibility.ALL & ~kind) for lamp, kind in zip(scene.lights, kinds, strict=True)
+    ]
+    scene.world = World(color=(0.1, 0.2, 0.3), visibility=Visibility.ALL & ~Visibility.GLOSSY)
+    return scene
+
+
+def hidden_from_some() -> Scene:
+    """A pane that shadow rays don't see, and another that diffuse ones don't."""
+    scene = seen_by_some()
+    scene.instances.visibility[-2:] = Visibility.ALL & ~Visibility.SHADOW, Visibility.ALL & ~Visibility.DIFFUSE
+    return scene
+
+
 SCENES = {
     "cornell": lambda: scenes.cornell(SIZE),
     "lens": through_a_lens,
@@ -66,6 +98,11 @@ SCENES = {
     "phong": lambda: scenes.phong_plates(SIZE),
     "lamps": lambda: scenes.lamp_room(list(scenes.LAMP_KINDS), SIZE),
     "sky": under_a_sky,
+    "panes": behind_panes,
+    "holes": lambda: with_holes(0.3),
+    "opaque holes": lambda: with_holes(0.0),
+    "kinds of rays": seen_by_some,
+    "unlike shadows": hidden_from_some,
 }
 
 
@@ -91,11 +128,9 @@ def picture(scene: Scene, **changes):
     return render(scene, Settings(**{"samples": 15, "max_bounces": 4, "threads": 1, **changes}))
 
 
-def by_path(scene: Scene, **changes):
-    """As `picture`, with the other kernel."""
-    with ExitStack() as patches:
-        patches.enter_context(mock.patch.object(tiles, "tile_kernel", path_kernel))
-        patches.enter_context(mock.patch.object(tiles, "new_memory", lambda _, lamps=0: new_ray(lamps)))
+def path_by_path(scene: Scene, **changes):
+    """As `picture`, by the other kernel."""
+    with by_path():
         return picture(scene, **changes)
 
 
@@ -111,7 +146,7 @@ def assert_same(a: np.ndarray, b: np.ndarray) -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_both_kernels_give_the_same_picture(name):
     scene = SCENES[name]()
-    one, other = picture(scene), by_path(scene)
+    one, other = picture(scene), path_by_path(scene)
     assert_same(one.pixels, other.pixels)
     assert one.rays == pytest.approx(other.rays, rel=1e-3)
 
@@ -119,18 +154,18 @@ def test_both_kernels_give_the_same_picture(name):
 def test_both_kernels_clamp():
     scene = SCENES["lamps"]()
     one = picture(scene, **CLAMPED).pixels
-    assert_same(one, by_path(scene, **CLAMPED).pixels)
+    assert_same(one, path_by_path(scene, **CLAMPED).pixels)
     assert one.mean() < 0.99 * picture(scene).pixels.mean()
 
 
 def test_both_kernels_see_instances(monkeypatch):
     scene = instanced(monkeypatch)
-    assert_same(picture(scene).pixels, by_path(scene).pixels)
+    assert_same(picture(scene).pixels, path_by_path(scene).pixels)
 
 
 def test_both_kernels_sample_adaptively():
     scene = SCENES["cornell"]()
-    one, other = picture(scene, **ADAPTIVE), by_path(scene, **ADAPTIVE)
+    one, other = picture(scene, **ADAPTIVE), path_by_path(scene, **ADAPTIVE)
     assert one.samples < 126 and one.samples == pytest.approx(other.samples, rel=0.02)
     assert_same(one.pixels, other.pixels)
 
@@ -141,13 +176,17 @@ BITS = {
     "no bounce": (SCENES["lamps"], {"max_bounces": 0}),
     "one bounce": (SCENES["lamps"], {"max_bounces": 1}),
     "clamp": (SCENES["lamps"], CLAMPED),
+    "clamp behind panes": (SCENES["panes"], CLAMPED),
+    "kinds end apart": (SCENES["panes"], {"diffuse_bounces": 1, "glossy_bounces": 2}),
+    "no bounce behind panes": (SCENES["panes"], {"max_bounces": 0}),
     "uniform hemisphere": (SCENES["cornell"], {"hemisphere_sampling": "UNIFORM"}),
+    "rejection": (SCENES["panes"], {"hemisphere_sampling": "REJECTION"}),
     "adaptive": (SCENES["cornell"], ADAPTIVE),
 }
 
 
 def assert_same_bits(scene: Scene, changes: dict) -> None:
-    one, other = picture(scene, **changes), by_path(scene, **changes)
+    one, other = picture(scene, **changes), path_by_path(scene, **changes)
     assert np.array_equal(one.pixels, other.pixels)
     assert (one.rays, one.samples, one.rejected) == (other.rays, other.samples, 0)
 
@@ -214,19 +253,20 @@ def test_no_bit_depends_on_where_batches_end():
     assert SIZE * SIZE * 8 > 3 * batch.BATCH  # of the longest pass
 
 
+@pytest.mark.parametrize("make", [image_with_lamps, hidden_from_some])
 @pytest.mark.parametrize("word", GARBAGE.values(), ids=GARBAGE)
-def test_what_lies_in_lanes_that_take_no_part_changes_no_bit(word, monkeypatch):
+def test_what_lies_in_lanes_that_take_no_part_changes_no_bit(word, make, monkeypatch):
     """Every pass begins with new memory, and its samples fill only a part of that."""
-    scene = image_with_lamps()
+    scene = make()
     scene.transparent_film = False  # through it the last pixels' paths, beside the garbage, would bring nothing
     one = picture(scene, samples=3)
 
-    def dirty(*arguments):
-        memory = batch.new_batch(*arguments)
-        memory[: batch._ENDS[-1]].view(np.uint32)[:] = word
+    def dirty(features, lamp_count=0):
+        memory = batch.new_batch(features, lamp_count)
+        memory[: -ray_words(lamp_count, WIDTH)].view(np.uint32)[:] = word
         return memory
 
-    monkeypatch.setattr(tile, "new_batch", dirty)
+    monkeypatch.setattr(tiles, "new_batch", dirty)
     other = picture(scene, samples=3)
     assert np.array_equal(one.pixels, other.pixels)
     assert (one.rays, one.rejected) == (other.rays, other.rejected)
@@ -249,17 +289,3 @@ def test_material_slots_beyond_all_are_looked_up_for_no_ray_that_misses(slot, mo
 
     first, last = (picture(balls(chosen)).pixels for chosen in (0, slot))
     assert np.array_equal(first, last) and (first == 0).any() and (first > 0).any()
-
-
-UNCOVERED = ({"transparency": 1}, {"holdout": 1}, {"ray_kinds": 1}, {"shared_light": 0}, {"hemisphere": REJECTION})
-
-
-def test_what_is_covered(monkeypatch):
-    monkeypatch.setattr(tile, "make_staged_kernel", lambda f: "staged")
-    monkeypatch.setattr(tile, "make_path_kernel", lambda f: "path")
-    assert covers(Features()) and tile.make_tile_kernel(Features()) == "staged"
-    assert tile.new_memory(Features()).size == batch.new_batch(0).size
-    for missing in UNCOVERED:
-        features = Features(**missing)
-        assert not covers(features) and tile.make_tile_kernel(features) == "path"
-        assert tile.new_memory(features, 3).size == new_ray(3).size

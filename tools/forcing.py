@@ -14,9 +14,8 @@ from unittest import mock
 import numpy as np
 
 import engine.pack.lights as packing_lights
-from engine import schedule, tiles
+from engine import schedule
 from engine.features import CONSTANT_WORLD, EMITTER_TREE, EVERYTHING, IMAGE_WORLD, Features
-from engine.kernels import tile
 from engine.kernels.light.environment import build_environment
 from engine.pack import Packed
 from engine.pack.geometry import INVALID, corners
@@ -57,25 +56,14 @@ def forced(change: Callable[[Features], Features]) -> Iterator[None]:
         yield
 
 
-@contextlib.contextmanager
-def by_path() -> Iterator[None]:
-    """Within, the compiled road renders path by path what it would render in stages."""
-    tiles.tile_kernel.cache_clear()
-    try:
-        with mock.patch.object(tile, "covers", lambda _: False):
-            yield
-    finally:
-        tiles.tile_kernel.cache_clear()
+# What makes paths of one stage differ: see `is_mixed` of engine/kernels/batch.py.
+MIXED = ("transparency", "ray_kinds")
 
 
-# What the kernel that goes in stages doesn't cover: see engine/kernels/staged.py.
-BY_PATH = ("transparency", "ray_kinds")
-
-
-def everything_staged_on() -> contextlib.AbstractContextManager[None]:
-    """As `everything_on`, without what would take a scene from one kernel to the other."""
-    staged = {name: value for name, value in EVERYTHING.items() if name not in BY_PATH}
-    return forced(lambda features: features._replace(**staged))
+def everything_alike_on() -> contextlib.AbstractContextManager[None]:
+    """As `everything_on`, with all paths of a stage alike."""
+    alike = {name: value for name, value in EVERYTHING.items() if name not in MIXED}
+    return forced(lambda features: features._replace(**alike))
 
 
 def everything_on() -> contextlib.AbstractContextManager[None]:

@@ -12,11 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..features import Features
 from . import rows
 from .embree import PACKET_ROWS, PACKET_WIDTH, aligned_memory, init_ray, ray_words
+from .geom.vec import ZERO
 from .jit import device
-from .records import Ray, RayMemory
-from .simd import WIDTH, add_at, at, load, put_at, store, store_front
+from .records import Bounces, Ray, RayMemory, Stretch
+from .simd import WIDTH, add_at, at, load, put_at, store, store_front, uint32
+from .tables import CAMERA_RAY, DIFFUSE_RAY
 
 BATCH = 1024
 COLUMNS = BATCH + WIDTH
@@ -24,7 +27,7 @@ COLUMNS = BATCH + WIDTH
 _HEIGHTS = rows.SAMPLE_ROWS, rows.PATH_ROWS, rows.HIT_ROWS, rows.SHADOW_ROWS
 _SHAPES = (*((height, COLUMNS) for height in _HEIGHTS), (WIDTH // PACKET_WIDTH, PACKET_ROWS, PACKET_WIDTH))
 _ENDS = tuple(int(end) for end in np.cumsum([math.prod(shape) for shape in _SHAPES]))
-PART_WORDS = rows.PART_ROWS * COLUMNS
+PART_WORDS, LOOK_WORDS = rows.PART_ROWS * COLUMNS, rows.PATH_ROWS * COLUMNS
 
 
 class Batch(NamedTuple):
@@ -32,6 +35,7 @@ class Batch(NamedTuple):
 
     packets  sixteen rays as Embree takes them, see `intersect_packets`;  ray: one, which has the rest of the memory
     parts    of the samples' light, see `parts`; without columns where no pass shows them
+    looks    as `paths`, of rays that see as shadow rays do (`Ray.as_shadow`); without columns where all see the same
     """
 
     samples: np.ndarray
@@ -45,12 +49,14 @@ class Batch(NamedTuple):
     packets: np.ndarray
     packet_words: np.ndarray
     parts: np.ndarray
+    looks: np.ndarray
+    look_words: np.ndarray
     ray: RayMemory
 
 
-def new_batch(lamp_count: int, light_passes: int = 0) -> np.ndarray:
-    """A thread's memory, in a scene where rays may meet so many lamps. light_passes: with room for parts, or 0."""
-    end = _ENDS[-1] + light_passes * PART_WORDS
+def new_batch(f: Features, lamp_count: int = 0) -> np.ndarray:
+    """A thread's memory, in a scene with these features where rays may meet so many lamps."""
+    end = _ENDS[-1] + f.light_passes * PART_WORDS + (1 - f.shared_light) * LOOK_WORDS
     memory = aligned_memory(end + ray_words(lamp_count, WIDTH))
     init_ray(memory[end:], lamp_count)
     return memory
@@ -61,7 +67,9 @@ def batch_of(f, memory):
     """The `Batch` in the memory of `new_batch`."""
     words = memory.view(np.uint32)
     a, b, c, d, e = _ENDS
-    end = e + f.light_passes * PART_WORDS
+    part_end = e + f.light_passes * PART_WORDS
+    end = part_end + (1 - f.shared_light) * LOOK_WORDS
+    of_looks = rows.PATH_ROWS, (1 - f.shared_light) * COLUMNS
     of_samples, of_paths, of_hits, of_shadows, of_packets = _SHAPES
     return Batch(
         memory[0:a].reshape(of_samples),
@@ -74,8 +82,31 @@ def batch_of(f, memory):
         words[c:d].reshape(of_shadows),
         memory[d:e].reshape(of_packets),
         words[d:e].reshape(of_packets),
-        memory[e:end].reshape((rows.PART_ROWS, f.light_passes * COLUMNS)),
+        memory[e:part_end].reshape((rows.PART_ROWS, f.light_passes * COLUMNS)),
+        memory[part_end:end].reshape(of_looks),
+        words[part_end:end].reshape(of_looks),
         RayMemory(memory[end:], words[end:]),
+    )
+
+
+@device
+def with_looks(batch):
+    """The batch with the rays that see as shadow rays do in place of its paths."""
+    return Batch(
+        batch.samples,
+        batch.sample_words,
+        batch.looks,
+        batch.look_words,
+        batch.hits,
+        batch.hit_words,
+        batch.shadows,
+        batch.shadow_words,
+        batch.packets,
+        batch.packet_words,
+        batch.parts,
+        batch.looks,
+        batch.look_words,
+        batch.ray,
     )
 
 
@@ -119,7 +150,37 @@ def put_at_3(array, row, place, v, mask):
 
 
 @device
-def rays_at(paths, i, kind):
-    """The `Ray` of paths i.., of this kind."""
+def is_mixed(f):
+    """Whether the paths of one stage differ in how often they were scattered, or in the kinds of their rays."""
+    return f.transparency or f.holdout or f.ray_kinds or not f.shared_light
+
+
+@device
+def bounces_at(f, batch, i, stage):
+    """The `Bounces` of paths i.. in a stage."""
+    total, diffuse, glossy = uint32(stage), np.uint32(0), np.uint32(0)
+    if is_mixed(f):
+        total = load(batch.path_words, rows.BOUNCES, i)
+    if f.ray_kinds:
+        diffuse = load(batch.path_words, rows.DIFFUSE, i)
+        glossy = total - diffuse
+    return Bounces(total, diffuse, glossy)
+
+
+@device
+def rays_at(f, batch, i, stage, as_shadow):
+    """The `Ray` of paths i.. in a stage."""
+    paths, kind = batch.paths, CAMERA_RAY if stage == 0 else DIFFUSE_RAY
+    if is_mixed(f):
+        kind = load(batch.path_words, rows.KIND, i)
     p, n, wi = load_3(paths, rows.P, i), load_3(paths, rows.N, i), load_3(paths, rows.WI, i)
-    return Ray(p, n, wi, kind, load(paths, rows.PDF, i), False)
+    return Ray(p, n, wi, kind, load(paths, rows.PDF, i), as_shadow)
+
+
+@device
+def stretches_at(f, batch, i):
+    """The `Stretch` of the rays of paths i.."""
+    paths, begins = batch.paths, ZERO
+    if is_mixed(f):
+        begins = load(paths, rows.BEGINS, i)
+    return Stretch(load_3(paths, rows.START, i), load(paths, rows.T_NEAR, i), load(paths, rows.T_FAR, i), begins)

@@ -30,17 +30,6 @@ def samples_lights(f):
 
 
 @device
-def direct_light(f, tables, memory, vertex, numbers):
-    """(radiance towards wo by one light sample, what was sampled, rays traced)."""
-    light, contribution = unshadowed_light(f, tables, vertex, numbers)
-    if not light.shadowed or not light.pdf > ZERO or is_black(contribution):
-        return contribution, light, 0
-    direction, t_far = shadow_segment(vertex, light)
-    through, rays = transmittance(f, tables.geometry, memory, vertex.start, direction, t_far)
-    return mul(contribution, through), light, rays
-
-
-@device
 def unshadowed_light(f, tables, vertex, numbers):
     """(a `LightSample`, radiance towards wo by it if nothing is in the way)."""
     p, n, contribution = vertex.p, vertex.n, BLACK
@@ -98,24 +87,24 @@ def _shadow_end(p, t):
 
 
 @device
-def transmittance(f, geometry, memory, start, direction, t_far):
-    """(fraction of light that gets through from `start` on, as far as `t_far`, rays traced).
+def dimmed_on_way(f, geometry, memory, start, direction, t_far, light):
+    """(what of `light` gets through from `start` on, as far as `t_far`, rays traced).
 
     t_far is infinite, or just below 1 for a `direction` that reaches from `start` to the light.
     """
     accel, ray, words = geometry.accel[0], memory.floats, memory.words
     if not f.transparency:
         blocked = occluded(accel, ray, words, start, direction, ZERO, t_far, SHADOW_RAY)
-        return (BLACK if blocked else WHITE), 1
-    through, end = WHITE, add(start, direction)
+        return (BLACK if blocked else light), 1
     for i in range(MAX_TRANSPARENT):
         if not intersect(accel, ray, words, start, direction, ZERO, t_far, SHADOW_RAY):
-            return through, i + 1
+            return light, i + 1
         _, _, ng, material, _, inside = find_surface(f, geometry, hit_of(f, geometry, ray, words), negate(direction))
-        through = mul(through, material_color(geometry, material, TRANSPARENCY))
-        if is_black(through):
-            return through, i + 1
-        start = offset_origin(inside, negate(ng))
+        light = mul(light, material_color(geometry, material, TRANSPARENCY))
+        if is_black(light):
+            return light, i + 1
+        behind = offset_origin(inside, negate(ng))
         if t_far < FAR:
-            direction = sub(end, start)
+            direction = sub(add(start, direction), behind)
+        start = behind
     return BLACK, MAX_TRANSPARENT

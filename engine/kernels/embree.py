@@ -157,19 +157,6 @@ def intersect(scene, ray, words, origin, direction, t_near, t_far, mask):
 
 
 @device
-def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, mask):
-    """As `intersect`, and note the lamps before the hit, in no order, and perhaps some behind it: LAMP_COUNT of them
-    from NOTED_LAMPS on."""
-    _set_ray(ray, words, origin, direction, t_near, t_far, mask)
-    words[GEOM_ID] = INVALID
-    words[INST_ID] = INVALID
-    words[LAMP_COUNT] = np.uint32(0)
-    address = np.uintp(ray.ctypes.data)
-    _rtcIntersect1(_pointer(scene), _pointer(address), _pointer(address + np.uintp(4 * _ARGUMENTS)))
-    return words[GEOM_ID] != INVALID
-
-
-@device
 def _note_lamp(notes, room, ray, hit, n, lane):
     """Write down that ray `lane` of n passes a lamp. notes: of all rays, from the first one's count on."""
     own = np.int64(bits_of(ray[ID * n + lane])) * (1 + np.int64(room) * NOTED_WORDS)

@@ -15,7 +15,7 @@ import numpy as np
 from ..features import DARK_WORLD, Features
 from .camera import generate_ray
 from .camera.layout import FORWARD, ORIGIN, PIXEL_X, PIXEL_Y
-from .direct import transmittance
+from .direct import dimmed_on_way
 from .embree import TFAR, intersect
 from .geom.frame import to_world
 from .geom.surface import find_surface, hit_of, offset_origin
@@ -154,7 +154,7 @@ def _unoccluded(f, tables, surfaces, memory, numbers, surface):
     if not distance > ZERO:
         return WHITE, 0
     start = offset_origin(inside, ng)
-    return transmittance(f, tables.geometry, memory, start, scale(wi, distance), ONE)
+    return dimmed_on_way(f, tables.geometry, memory, start, scale(wi, distance), ONE, WHITE)
 
 
 # --- samples ----------------------------------------------------------------------------------------------------------

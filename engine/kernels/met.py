@@ -6,22 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..features import DARK_WORLD, DISK, IMAGE_WORLD, LISTED_LAMPS, TRACED_LAMPS
+from ..features import DARK_WORLD, DISK, IMAGE_WORLD, TRACED_LAMPS
 from .embree import (
     INVALID,
-    LAMP_COUNT,
     NOTED_GEOM,
-    NOTED_LAMPS,
     NOTED_LEAVES,
     NOTED_PRIM,
     NOTED_T,
     NOTED_WORDS,
-    TFAR,
-    intersect,
-    intersect_noting_lamps,
 )
-from .geom.surface import find_surface, hit_of, offset_origin
-from .geom.vec import BLACK, FAR, ZERO, add_scaled, is_black, length, negate, scale, sub
+from .geom.vec import BLACK, ZERO, add_scaled, is_black, length, scale, sub
 from .jit import device
 from .light.emitters import (
     emission,
@@ -36,34 +30,9 @@ from .light.emitters import (
 from .light.groups import Shares, group_shares
 from .light.point import disk_distance, inside_lamp
 from .mis import met_light_weight
-from .records import MAX_TRANSPARENT, Light, Ray, Stretch, dimmed, gather, material_color
+from .records import Light, gather
 from .simd import any_of, at, int32, no, put_at, select, to_index, uint32
-from .tables import CAMERA_RAY, LAMP_MASK, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY, TRANSPARENCY
-
-
-@device
-def follow(f, tables, memory, ray, stretch, light):
-    """Follow a ray to the next surface, and gather the light that it finds: of the lamps before the surface, and of
-    suns and the world if there is none.
-
-    Returns (whether a surface was met, which is then in `memory`, `light`)."""
-    scene, floats, words, mask = (
-        tables.geometry.accel[0],
-        memory.floats,
-        memory.words,
-        reach(f, ray.kind, ray.as_shadow),
-    )
-    if f.lamp_shapes & TRACED_LAMPS:
-        met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
-        notes = Notes(words, floats, np.int64(NOTED_LAMPS), words[LAMP_COUNT], stretch.t_near, floats[TFAR])
-        light = gather_noted_lamps(f, tables, notes, ray, stretch.start, light)
-    else:
-        met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
-    if f.lamp_shapes & LISTED_LAMPS:
-        light = gather_listed_lamps(f, tables, ray, stretch, floats[TFAR], light)
-    if not met:
-        light = escaped(f, tables, ray, light)
-    return met, light
+from .tables import CAMERA_RAY, LAMP_MASK, LAMP_QUADS, LAMP_SHIFT, SHADOW_RAY
 
 
 @device
@@ -96,43 +65,18 @@ def sees_shadows_light(f):
 
 
 @device
-def follow_as_shadow(f, tables, memory, ray, start, light):
-    """The part of BSDF sampling in the direct light where rays do not see what shadow rays see: along the direction
-    of the path's next ray, what a shadow ray sees. Returns (`light`, rays traced)."""
-    geometry, throughput = tables.geometry, light.throughput
-    ray = Ray(ray.p, ray.n, ray.wi, ray.kind, ray.pdf, True)
-    stretch, rays = Stretch(start, ZERO, FAR, ZERO), 0
-    for _ in range(MAX_TRANSPARENT):
-        met, light = follow(f, tables, memory, ray, stretch, light)
-        rays += 1
-        if not met:
-            break
-        hit = hit_of(f, geometry, memory.floats, memory.words)
-        p, _, ng, material, triangle, inside = find_surface(f, geometry, hit, negate(ray.wi))
-        found, _ = emitted(f, tables, ray, p, material, triangle)
-        light = gather(f, light, found)
-        if not f.transparency:
-            break
-        light = dimmed(light, material_color(geometry, material, TRANSPARENCY))
-        if is_black(light.throughput):
-            break
-        stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, FAR, length(sub(p, ray.p)))
-    return Light(light.radiance, throughput, light.limit), rays
-
-
-@device
 def reach(f, kind, as_shadow):
     """Embree's mask of what a ray meets. Lamps are left out where light sampling, or the ray that sees as shadow
     rays do, finds all of their light."""
     mask = SHADOW_RAY if as_shadow else kind
-    if f.lamp_shapes & TRACED_LAMPS and _meets_lamps(f, kind, as_shadow):
-        mask = np.uint32(mask | kind << np.uint32(LAMP_SHIFT))
+    if f.lamp_shapes & TRACED_LAMPS:
+        mask = select(_meets_lamps(f, kind, as_shadow), uint32(mask | kind << np.uint32(LAMP_SHIFT)), uint32(mask))
     return mask
 
 
 @device
 def _meets_lamps(f, kind, as_shadow):
-    return f.shared_light or as_shadow or kind == CAMERA_RAY
+    return (kind == CAMERA_RAY) | as_shadow | (f.shared_light != 0)
 
 
 @device
@@ -142,9 +86,10 @@ def escaped(f, tables, ray, light):
     if (f.world == IMAGE_WORLD or f.sun_disks) and any_of(ray.pdf > ZERO):
         _, suns, world = group_shares(f, tables.lights, tables.tree, ray.p, ray.n)
     shares = Shares(ZERO, suns, world)
-    if f.world != DARK_WORLD and not (f.transparent_film and ray.kind == CAMERA_RAY):
+    hidden = (ray.kind == CAMERA_RAY) & (f.transparent_film != 0)
+    if f.world != DARK_WORLD and any_of(no(hidden)):
         seen, pdf = world_seen(f, tables.lights, shares, tables.environment, ray.wi, ray.kind)
-        light = gather(f, light, scale(seen, met_light_weight(f, ray, pdf)))
+        light = gather(f, light, select(hidden, BLACK, scale(seen, met_light_weight(f, ray, pdf))))
     if f.sun_disks:
         for i in range(len(tables.lights.suns)):
             seen, pdf = sun_seen_pdf(f, tables.lights, shares, i, ray.n, ray.wi, ray.kind)
@@ -190,16 +135,16 @@ class Notes(NamedTuple):
 @device
 def gather_listed_lamps(f, tables, ray, stretch, t_hit, light):
     """`light` with that of the listed lamps that the ray meets on its stretch, up to its hit so far from the start."""
-    if not _meets_lamps(f, ray.kind, ray.as_shadow):
-        return light
-    lights = tables.lights
+    lights, meets = tables.lights, _meets_lamps(f, ray.kind, ray.as_shadow)
     # A start is a little off its surface. A lamp may begin before the first one, and counts there.
     behind = length(sub(stretch.start, ray.p))
     for k in range(len(lights.listed_lamps)):
         i = lights.listed_lamps[k]
-        if np.uint32(lights.lamps[i, LAMP_MASK]) & ray.kind:
+        seen = meets & (ray.kind & np.uint32(lights.lamps[i, LAMP_MASK]) != np.uint32(0))
+        if any_of(seen):
             distance = lamp_distance(f, lights, i, ray.p, ray.wi)
             counts = (distance > ZERO) & (distance - stretch.begins > stretch.t_near) & (distance - behind <= t_hit)
+            counts = counts & seen
             if any_of(counts):
                 lamp = to_index(select(counts, int32(i), np.int32(0)))
                 found = gather(f, light, _met_lamp(f, tables, ray, lamp, distance))

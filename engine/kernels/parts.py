@@ -19,7 +19,7 @@ from .batch import at_3, put_at_3
 from .embree import is_finite
 from .geom.vec import BLACK, add, mul, sub
 from .jit import device
-from .simd import select, to_index, uint32
+from .simd import select
 
 
 class PartSums(NamedTuple):
@@ -47,17 +47,16 @@ def credit(parts, row, place, light, mask):
 
 
 @device
-def credit_lobes(parts, scatterings, share, place, light, mask):
-    """What has come was scattered so often; the row `share` says how much of it the diffuse lobe scattered first."""
-    _add_lobes(parts, scatterings, share, place, _growth(parts, place, light, mask), mask)
+def credit_lobes(parts, direct, share, place, light, mask):
+    """What has come was scattered, once if it is `direct`; the row `share` says how much of it the diffuse lobe
+    scattered first."""
+    _add_lobes(parts, direct, share, place, _growth(parts, place, light, mask), mask)
 
 
 @device
-def credit_lit(batch, place, arrives, first):
-    """What light samples have brought to the `first` vertices or to others has its part."""
-    place = to_index(select(arrives, uint32(place), np.uint32(0)))
-    new = _growth(batch.parts, place, at_3(batch.samples, rows.LIGHT, place), arrives)
-    _add_lit(batch.parts, place, new, arrives, first)
+def credit_lit(parts, first, place, light, mask):
+    """What a light sample has brought to the `first` vertex or to another has its part."""
+    _add_lit(parts, first, place, _growth(parts, place, light, mask), mask)
 
 
 @device
@@ -68,9 +67,9 @@ def foresee(parts, row, place, light, mask):
 
 
 @device
-def foresee_lit(parts, place, light, mask, first):
+def foresee_lit(parts, first, place, light, mask):
     """As `foresee`, of what a light sample brings."""
-    _add_lit(parts, place, light, mask, first)
+    _add_lit(parts, first, place, light, mask)
     _add(parts, rows.SEEN, place, light, mask)
 
 
@@ -88,17 +87,15 @@ def _add(parts, row, place, light, mask):
 
 
 @device
-def _add_lit(parts, place, light, mask, first):
-    if first:
-        _add_lobes(parts, 1, rows.LIGHT_SHARE, place, light, mask)
-    else:
-        _add_lobes(parts, 2, rows.SHARE, place, light, mask)
+def _add_lit(parts, first, place, light, mask):
+    share = select(first, np.uint32(rows.LIGHT_SHARE), np.uint32(rows.SHARE))
+    _add_lobes(parts, first, share, place, light, mask)
 
 
 @device
-def _add_lobes(parts, scatterings, share, place, light, mask):
+def _add_lobes(parts, direct, share, place, light, mask):
     diffuse = mul(light, at_3(parts, share, place))
-    row = rows.DIRECT if scatterings <= 1 else rows.INDIRECT
+    row = select(direct, np.uint32(rows.DIRECT), np.uint32(rows.INDIRECT))
     _add(parts, row, place, diffuse, mask)
     _add(parts, row + 3, place, sub(light, diffuse), mask)
 

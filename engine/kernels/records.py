@@ -140,9 +140,9 @@ class Vertex(NamedTuple):
 class Bounces(NamedTuple):
     """Scatterings so far. Kinds are counted only where `Features.ray_kinds` tells them apart."""
 
-    total: np.int64
-    diffuse: np.int64
-    glossy: np.int64
+    total: np.uint32
+    diffuse: np.uint32
+    glossy: np.uint32
 
 
 @device

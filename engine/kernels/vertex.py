@@ -24,17 +24,20 @@ from .records import (
     KIND,
     LENS,
     LOBE,
+    PASS,
     PIXEL,
     ROULETTE,
     WHITE,
+    Bounces,
     Ray,
     Stretch,
     Vertex,
     material_color,
 )
+from .sampler.random import hash32
 from .sampler.sobol import sample_1d, sample_2d
-from .simd import at, float32, no, select
-from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, HOLDOUT, KD, KS
+from .simd import at, float32, no, select, total, uint32
+from .tables import CAMERA_RAY, DIFFUSE_RAY, EXPONENT, GLOSSY_RAY, HOLDOUT, KD, KS, TRANSPARENCY
 
 # Roulette lets a path go on with probability sqrt(this x throughput). 1 is Cycles' rule: the trial "roulette
 # of Cycles" of benchmarks/trials.py.
@@ -61,8 +64,8 @@ def reflects(geometry, material):
 
 @device
 def is_holdout(f, geometry, material):
-    """Whether the camera sees a hole there. For one number only."""
-    return f.holdout and geometry.materials[material, HOLDOUT] > ZERO
+    """Whether the camera sees a hole there."""
+    return (at(geometry.materials, material, HOLDOUT) > ZERO) & (f.holdout != 0)
 
 
 @device
@@ -81,17 +84,20 @@ def make_vertex(f, geometry, surface, ray, own):
 
 
 @device
-def scatter(f, tables, counters, vertex, numbers, state):
-    """(new `Ray`, value of the BRDF, state of the generator). Without a density the path ends here."""
+def scatter(f, tables, counters, alive, vertex, numbers):
+    """(new `Ray`, value of the BRDF). Without a density the path ends here. What rejection sampling draws for those
+    that are `alive` is counted."""
     key, order, dimension = numbers.key, numbers.order, numbers.dimension
     u = sample_1d(tables.sampler, key, order, dimension + LOBE) if f.phong else ZERO
     u1, u2 = sample_2d(tables.sampler, key, order, dimension + DIRECTION)
-    wi, value, pdf, _, state, draws = sample(
+    state = hash32(uint32(key ^ hash32(uint32(order + uint32(dimension)))))  # the key alone is that of many samples
+    wi, value, pdf, _, _, draws = sample(
         f.phong, f.hemisphere, vertex.surface, vertex.wo, vertex.n, vertex.ng, u, u1, u2, state
     )
-    if f.hemisphere == REJECTION and draws:
-        counters[DRAWS] += draws
-        counters[DIRECTIONS] += 1
+    if f.hemisphere == REJECTION:
+        drew = select(alive & (draws > np.int32(0)), (draws, np.int32(1)), (np.int32(0), np.int32(0)))
+        counters[DRAWS] += total(drew[0])
+        counters[DIRECTIONS] += total(drew[1])
     pdf = select(is_black(value), ZERO, pdf)
     kind = DIFFUSE_RAY
     if f.ray_kinds:
@@ -102,7 +108,7 @@ def scatter(f, tables, counters, vertex, numbers, state):
         glossy = no(sample_1d(tables.sampler, key, order, dimension + KIND) < share)
         value = select(glossy, scale(sub(value, diffuse), ONE / (ONE - share)), scale(diffuse, ONE / share))
         kind = select(glossy, GLOSSY_RAY, DIFFUSE_RAY)
-    return Ray(vertex.p, vertex.n, wi, kind, pdf, False), value, state
+    return Ray(vertex.p, vertex.n, wi, kind, pdf, False), value
 
 
 @device
@@ -123,7 +129,37 @@ def roulette(tables, numbers, throughput):
 @device
 def clamp_limit(limits, scatterings):
     """Of light that is found after so many."""
-    return limits.clamp_direct if scatterings <= 1 else limits.clamp_indirect
+    return select(scatterings <= 1, limits.clamp_direct, limits.clamp_indirect)
+
+
+@device
+def counted(f, bounces, kind):
+    """`bounces` after one more, of this kind."""
+    more = bounces.total + np.uint32(1)
+    if not f.ray_kinds:
+        return Bounces(more, bounces.diffuse, bounces.glossy)
+    diffuse, glossy = select(kind == GLOSSY_RAY, (np.uint32(0), np.uint32(1)), (np.uint32(1), np.uint32(0)))
+    return Bounces(more, bounces.diffuse + diffuse, bounces.glossy + glossy)
+
+
+@device
+def is_last(limits, bounces):
+    """Whether the next ray only sees emission."""
+    ends = bounces.total > limits.max_bounces
+    return ends | (bounces.diffuse > limits.diffuse_bounces) | (bounces.glossy > limits.glossy_bounces)
+
+
+@device
+def pass_through(tables, numbers, material, last):
+    """(whether the path goes straight on through a surface, factor of its throughput, whichever it does)."""
+    geometry = tables.geometry
+    through = material_color(geometry, material, TRANSPARENCY)
+    share, lets_through = average(through), no(is_black(through))
+    kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
+    chance = select(last, ONE, share / (share + average(kd) + average(ks)))
+    passes = lets_through & (sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + PASS) < chance)
+    factor = select(passes, scale(through, ONE / chance), scale(WHITE, ONE / (ONE - chance)))
+    return passes, select(lets_through, factor, WHITE)
 
 
 @device

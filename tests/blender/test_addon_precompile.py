@@ -213,7 +213,7 @@ def test_the_engine_has_a_kernel_compiled_by_the_same_process(
     """As it is where there is a window: the kernel comes from a process that knows nothing but its name. Meanwhile one
     sees how many functions it has compiled, which are those that were expected."""
     engine, loading = (sys.modules[f"{MODULE}.{name}"] for name in ("engine", "engine.loading"))
-    kernel = loading.tiles.make_tile_kernel(loading.Features())
+    kernel = loading.tiles.make_staged_kernel(loading.Features())
     needed, own = compilation.functions_of([kernel]), compilation._file
 
     def there(function) -> str:

@@ -13,8 +13,6 @@ import pytest
 from llvmlite import binding
 
 from engine.features import EVERYTHING, Features
-from engine.kernels.staged import covers
-from tools.forcing import BY_PATH
 
 # Of those without AVX, with AVX2, with AVX-512, and Apple's.
 PROCESSORS = {
@@ -51,10 +49,9 @@ vectors.in_parts(x, np.zeros((2, 3, 8), np.float32), np.zeros((4, 3, 4), np.floa
 kernels = vectors.arithmetic, vectors.moved, vectors.in_parts
 """
 
-# The largest of either kind of kernel: one path after another, and sixteen in a register.
-BY_PATHS = Features(**EVERYTHING, holdout=1, transparent_film=1, light_passes=1)
-STAGED = BY_PATHS._replace(**dict.fromkeys((*BY_PATH, "holdout"), 0))
-ALIKE = ("orthographic", "hemisphere", "lobe_selection")  # either choice is as much code
+# The largest kernel: with all that a scene may have, and where shadow rays see other objects, what that takes besides.
+LARGEST = Features(**EVERYTHING, holdout=1, transparent_film=1, light_passes=1, shared_light=0)
+ALIKE = ("orthographic", "hemisphere", "lobe_selection", "shared_light")  # either choice is as much code, or less
 
 WHOLE = """
 from engine import loading, tiles
@@ -114,19 +111,15 @@ def test_vectors_become_machine_code(emitted, cpu) -> None:
     assert len(sizes) == 3 and min(sizes) > 1000
 
 
-def test_nothing_is_missing_from_the_largest_kernels() -> None:
-    """Whatever else a scene may have, it is in one of them, or takes the scene from the staged kernel to the other."""
-    assert covers(STAGED) and not covers(BY_PATHS)
+def test_nothing_is_missing_from_the_largest_kernel() -> None:
     for name in {*Features._fields} - {*ALIKE}:
-        assert getattr(BY_PATHS, name), name
-        assert getattr(STAGED, name) or not covers(STAGED._replace(**{name: 1})), name
+        assert getattr(LARGEST, name), name
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("features", [BY_PATHS, STAGED], ids=["by paths", "staged"])
 @pytest.mark.parametrize("cpu", PROCESSORS)
-def test_the_largest_kernels_become_machine_code(emitted, cpu, features) -> None:
-    sizes = emitted(WHOLE.format(features=features._asdict()), cpu, PROCESSORS[cpu])
+def test_the_largest_kernel_becomes_machine_code(emitted, cpu) -> None:
+    sizes = emitted(WHOLE.format(features=LARGEST._asdict()), cpu, PROCESSORS[cpu])
     assert len(sizes) == 2 and min(sizes) > 10_000
 
 

@@ -35,12 +35,12 @@ from engine.features import (
     Features,
 )
 from engine.kernels.jit import AS_WRITTEN
-from tools.forcing import everything_on, everything_staged_on, forced
+from tools.forcing import everything_alike_on, everything_on, forced
 from tools.metrics import block_means, pixel_p_values
 
 SEEDS = 8
 ROADS_EXAMPLES, BITS_EXAMPLES, KERNEL_EXAMPLES = 20, 40, 16
-BOTH_KERNELS = [everything_on, everything_staged_on]
+BOTH_KERNELS = [everything_on, everything_alike_on]
 ROADS_LEVEL = 1e-6  # p of the least probable quarter of a picture, over all examples and channels
 EXAMPLE = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
 

@@ -77,6 +77,6 @@ def sample(has_phong, hemisphere, surface, wo, n, ng, u_lobe, u1, u2, rng):
         wi, rng, draws = sample_diffuse(hemisphere, n, u1, u2, rng)
     if any_of(glossy):
         wi = select(glossy, sample_phong(surface[2], n, wo, u1, u2), wi)
-        lobe = select(glossy, PHONG_LOBE, DIFFUSE_LOBE)
+        lobe, draws = select(glossy, (PHONG_LOBE, np.int32(0)), (DIFFUSE_LOBE, draws))
     f, pdf = evaluate(has_phong, hemisphere, surface, wo, wi, n, ng)
     return wi, f, pdf, lobe, rng, draws

@@ -280,24 +280,28 @@ def surface_seen_pdf(f, geometry, lights, emitter, p, wi, t):
 def sun_seen_pdf(f, lights, shares, i, n, wi, mask):
     """(radiance, pdf with the choice) of sun i along wi, black if rays of this kind don't see it. n, and the `shares`
     of the groups, are those of the point that the ray left."""
-    if not (np.uint32(lights.suns[i, SUN_MASK]) & mask):
+    kind_sees = mask & np.uint32(lights.suns[i, SUN_MASK]) != np.uint32(0)
+    if not any_of(kind_sees):
         return BLACK, ZERO
     radiance, pdf = sun_seen(lights.suns, i, wi)
     if any_of(pdf > ZERO):
         pdf *= shares.suns * sun_probability(lights.suns, i, n)
-    return radiance, FAR if f.unshadowed and lights.suns[i, SUN_UNSHADOWED] > ZERO else pdf
+    if f.unshadowed and lights.suns[i, SUN_UNSHADOWED] > ZERO:
+        pdf = FAR
+    return select(kind_sees, (radiance, pdf), (BLACK, ZERO))
 
 
 @device
 def world_seen(f, lights, shares, environment, wi, mask):
     """(radiance, pdf with the choice) of the world along wi, black if rays of this kind don't see it."""
-    if not (np.uint32(lights.world[WORLD_MASK]) & mask):
+    kind_sees = mask & np.uint32(lights.world[WORLD_MASK]) != np.uint32(0)
+    if not any_of(kind_sees):
         return BLACK, ZERO
     if f.world != IMAGE_WORLD:
-        return _world_color(lights), ZERO
+        return select(kind_sees, _world_color(lights), BLACK), ZERO
     local = _to_environment(lights, wi)
     radiance, pdf = environment_lookup(environment, local)
-    return mul(radiance, _world_color(lights)), pdf * shares.world
+    return select(kind_sees, (mul(radiance, _world_color(lights)), pdf * shares.world), (BLACK, ZERO))
 
 
 @device

@@ -38,6 +38,6 @@ def hash32(x):
 @device
 def random_1d(state):
     """(u in (0, 1), new state)."""
-    word = np.uint32(np.uint32((state >> np.uint32((state >> np.uint32(28)) + np.uint32(4))) ^ state) * _OUTPUT)
-    word = np.uint32((word >> np.uint32(22)) ^ word)
-    return to_unit(word), np.uint32(state * _MULTIPLIER + _INCREMENT)
+    word = uint32(uint32((state >> uint32((state >> np.uint32(28)) + np.uint32(4))) ^ state) * _OUTPUT)
+    word = uint32((word >> np.uint32(22)) ^ word)
+    return to_unit(word), uint32(state * _MULTIPLIER + _INCREMENT)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from ..geom.elementary import sin_cos_acute, sin_cos_turn
-from ..geom.vec import INV_PI, INV_TWO_PI, ONE, QUARTER_PI, TINY, TWO, ZERO
+from ..geom.vec import INV_PI, INV_TWO_PI, ONE, QUARTER_PI, TINY, TWO, UP, ZERO
 from ..jit import device
-from ..simd import floor, select
+from ..simd import any_of, floor, int32, no, select
 from .random import random_1d
 
 
@@ -72,19 +72,20 @@ def rejection_hemisphere(state):
 
     A draw is a point of three numbers. Uniform in solid angle, as `uniform_hemisphere`.
     """
-    draws = np.int32(0)
-    while True:
-        u, state = random_1d(state)
-        v, state = random_1d(state)
-        w, state = random_1d(state)
-        draws = np.int32(draws + np.int32(1))
+    direction, draws, searches = UP, np.int32(0), state == state
+    while any_of(searches):
+        u, after = random_1d(state)
+        v, after = random_1d(after)
+        w, after = random_1d(after)
+        state, draws = select(searches, after, state), int32(draws + select(searches, np.int32(1), np.int32(0)))
         x = TWO * u - ONE
         y = TWO * v - ONE
         z = TWO * w - ONE
         squared = x * x + y * y + z * z
-        if z > ZERO and squared <= ONE and squared > TINY:
-            s = ONE / math.sqrt(squared)
-            return (x * s, y * s, z * s), state, draws
+        found = searches & (z > ZERO) & (squared <= ONE) & (squared > TINY)
+        s = ONE / math.sqrt(max(squared, TINY))
+        direction, searches = select(found, (x * s, y * s, z * s), direction), searches & no(found)
+    return direction, state, draws
 
 
 @device

@@ -19,6 +19,7 @@ from .arithmetic import (
     select,
     spread,
     to_index,
+    total,
     uint32,
 )
 from .memory import (
@@ -60,6 +61,7 @@ __all__ = [
     "store_front",
     "store_parts",
     "to_index",
+    "total",
     "uint32",
     "words_at",
 ]

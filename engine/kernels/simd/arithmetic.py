@@ -271,6 +271,19 @@ def count(typing_context, mask):
     return types.int64(mask), codegen
 
 
+@intrinsic
+def total(typing_context, numbers):
+    """The sum of an integer vector's lanes; a scalar is its own."""
+
+    def codegen(context, builder, sig, args):
+        if not isinstance(sig.args[0], Vector):
+            return context.cast(builder, args[0], sig.args[0], types.int64)
+        name = f"llvm.vector.reduce.add.{sig.args[0].suffix}"
+        return builder.sext(call(builder, name, I32_WORD, [args[0]]), I64)
+
+    return types.int64(numbers), codegen
+
+
 # --- casts -----------------------------------------------------------------------------------------------------------
 
 

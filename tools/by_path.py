@@ -1,37 +1,49 @@
-"""The path tracer: one function that follows one path, and the kernel that fills a tile with them.
+"""The path tracer without stages: one function that follows one path, and a kernel that fills a tile with them.
 
-Unidirectional, with light sampling at every vertex (`direct`), light that rays meet (`met`), multiple importance
-sampling of both (`mis`) and Russian roulette. `f` is the scene's `Features` everywhere: constants, so that what is
-off costs nothing.
-
-Bounces count as in Cycles: `max_bounces` 0 is direct light. A path that has used up its bounces takes one more ray,
-which only sees emission: that is the BSDF-sampled half of the last vertex's direct light.
+It renders what the engine's kernel (`engine/kernels/staged.py`) does, from the same numbers and with the same functions
+at each vertex: the algorithm on one page, for tests that compare the two, and for a trial of what the stages bring.
 """
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+from functools import cache
+from unittest import mock
+
 import numpy as np
 
-from ..features import Features
-from . import rows
-from .batch import put_at_3
-from .direct import direct_light, lit_share, samples_lights
-from .embree import TFAR, aligned_memory, init_ray, ray_words
-from .film.sums import add_sample
-from .geom.surface import find_surface, hit_of, offset_origin
-from .geom.vec import BLACK, FAR, ONE, ZERO, average, dot, is_black, length, mul, negate, scale, sub
-from .jit import device, kernel
-from .met import emitted, follow, follow_as_shadow, sees_shadows_light, shows_world_alone, world_behind
-from .parts import add_parts, credit, credit_lobes, foresee, start_parts
-from .records import (
+from engine import tiles
+from engine.features import LISTED_LAMPS, TRACED_LAMPS, Features
+from engine.kernels import embree, rows
+from engine.kernels.batch import put_at_3
+from engine.kernels.direct import dimmed_on_way, lit_share, samples_lights, shadow_segment, unshadowed_light
+from engine.kernels.embree import LAMP_COUNT, NOTED_LAMPS, TFAR, aligned_memory, init_ray, intersect, ray_words
+from engine.kernels.film.sums import add_sample
+from engine.kernels.geom.surface import find_surface, hit_of, offset_origin
+from engine.kernels.geom.vec import BLACK, FAR, ONE, ZERO, add, average, dot, is_black, length, mul, negate, scale, sub
+from engine.kernels.jit import device, kernel
+from engine.kernels.met import (
+    Notes,
+    emitted,
+    escaped,
+    gather_listed_lamps,
+    gather_noted_lamps,
+    reach,
+    sees_shadows_light,
+    shows_world_alone,
+    world_behind,
+)
+from engine.kernels.parts import add_parts, credit, credit_lit, credit_lobes, foresee, start_parts
+from engine.kernels.records import (
     FIRST_VERTEX,
     MAX_TRANSPARENT,
-    PASS,
     VERTEX_DECISIONS,
     WHITE,
     Bounces,
     Light,
     Numbers,
+    Ray,
     RayMemory,
     Stretch,
     clamped,
@@ -40,15 +52,17 @@ from .records import (
     material_color,
     without_density,
 )
-from .sampler.random import hash32
-from .sampler.sobol import hash_pixel, sample_1d, start_sample
-from .tables import GLOSSY_RAY, KD, KS, TRANSPARENCY
-from .vertex import (
+from engine.kernels.sampler.sobol import hash_pixel, start_sample
+from engine.kernels.tables import TRANSPARENCY
+from engine.kernels.vertex import (
     camera_ray,
     clamp_limit,
+    counted,
     is_holdout,
+    is_last,
     last_ray_finds_light,
     make_vertex,
+    pass_through,
     reflects,
     roulette,
     scatter,
@@ -63,7 +77,6 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
     """Follow one path. Returns (radiance, alpha, rays traced)."""
     key, order = start_sample(pixel_hash, index)
     numbers = Numbers(key, order, FIRST_VERTEX)
-    state = hash32(np.uint32(key ^ hash32(np.uint32(index))))  # the key alone is that of all samples of the pixel
     ray, stretch = camera_ray(f, tables, numbers, pixel_x, pixel_y)
     light, alpha, rays = Light(BLACK, WHITE, limits.clamp_direct), ONE, 0
     bounces, passed, last = Bounces(0, 0, 0), 0, np.bool_(False)  # a plain False would be a type of its own
@@ -101,7 +114,7 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
             _credit_met(parts, light, bounces.total)
         numbers = Numbers(key, order, numbers.dimension + VERTEX_DECISIONS)
         if f.transparency:
-            passes, factor = _pass(tables, numbers, material, last)
+            passes, factor = pass_through(tables, numbers, material, last)
             light = dimmed(light, factor)
             if passes:
                 passed += 1
@@ -116,12 +129,11 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
         vertex = make_vertex(f, tables.geometry, surface, ray, own)
         light = Light(light.radiance, light.throughput, clamp_limit(limits, bounces.total + 1))
         if samples_lights(f):
-            found, sample, more = direct_light(f, tables, memory, vertex, numbers)
-            light = gather(f, light, found)
+            light, sample, more = direct_light(f, tables, memory, vertex, numbers, light)
             rays += more
             if f.light_passes:
                 _credit_lit(f, parts, vertex, sample, light, bounces.total)
-        ray, value, state = scatter(f, tables, counters, vertex, numbers, state)
+        ray, value = scatter(f, tables, counters, True, vertex, numbers)
         if not ray.pdf > ZERO:
             light = gather(f, light, without_density(ray.pdf))
             break
@@ -132,9 +144,9 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
             light, more = follow_as_shadow(f, tables, memory, ray, vertex.start, light)
             rays += more
             if f.light_passes:
-                credit_lobes(parts, bounces.total + 1, rows.SHARE, FIRST, light.radiance, True)
-        bounces = _counted(f, bounces, ray.kind)
-        last = _is_last(limits, bounces)
+                credit_lobes(parts, bounces.total == 0, rows.SHARE, FIRST, light.radiance, True)
+        bounces = counted(f, bounces, ray.kind)
+        last = is_last(limits, bounces)
         if last and not last_ray_finds_light(f):
             break
         if bounces.total > 1:
@@ -147,10 +159,84 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
 
 
 @device
+def direct_light(f, tables, memory, vertex, numbers, light):
+    """(`light` with that of one light sample, what was sampled, rays traced)."""
+    sample, found = unshadowed_light(f, tables, vertex, numbers)
+    brings, rays = mul(light.throughput, found), 0
+    if sample.shadowed and sample.pdf > ZERO and not is_black(found):
+        direction, t_far = shadow_segment(vertex, sample)
+        brings, rays = dimmed_on_way(f, tables.geometry, memory, vertex.start, direction, t_far, brings)
+    return Light(add(light.radiance, clamped(f, brings, light.limit)), light.throughput, light.limit), sample, rays
+
+
+@device
+def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, mask):
+    """As `intersect`, and note the lamps before the hit, in no order, and perhaps some behind it: LAMP_COUNT of them
+    from NOTED_LAMPS on."""
+    embree._set_ray(ray, words, origin, direction, t_near, t_far, mask)
+    words[embree.GEOM_ID] = embree.INVALID
+    words[embree.INST_ID] = embree.INVALID
+    words[LAMP_COUNT] = np.uint32(0)
+    address, pointer = np.uintp(ray.ctypes.data), embree._pointer
+    embree._rtcIntersect1(pointer(scene), pointer(address), pointer(address + np.uintp(4 * embree._ARGUMENTS)))
+    return words[embree.GEOM_ID] != embree.INVALID
+
+
+@device
+def follow(f, tables, memory, ray, stretch, light):
+    """Follow a ray to the next surface, and gather the light that it finds: of the lamps before the surface, and of
+    suns and the world if there is none.
+
+    Returns (whether a surface was met, which is then in `memory`, `light`)."""
+    scene, floats, words, mask = (
+        tables.geometry.accel[0],
+        memory.floats,
+        memory.words,
+        reach(f, ray.kind, ray.as_shadow),
+    )
+    if f.lamp_shapes & TRACED_LAMPS:
+        met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
+        notes = Notes(words, floats, np.int64(NOTED_LAMPS), words[LAMP_COUNT], stretch.t_near, floats[TFAR])
+        light = gather_noted_lamps(f, tables, notes, ray, stretch.start, light)
+    else:
+        met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
+    if f.lamp_shapes & LISTED_LAMPS:
+        light = gather_listed_lamps(f, tables, ray, stretch, floats[TFAR], light)
+    if not met:
+        light = escaped(f, tables, ray, light)
+    return met, light
+
+
+@device
+def follow_as_shadow(f, tables, memory, ray, start, light):
+    """The part of BSDF sampling in the direct light where rays do not see what shadow rays see: along the direction
+    of the path's next ray, what a shadow ray sees. Returns (`light`, rays traced)."""
+    geometry, throughput = tables.geometry, light.throughput
+    ray = Ray(ray.p, ray.n, ray.wi, ray.kind, ray.pdf, True)
+    stretch, rays = Stretch(start, ZERO, FAR, ZERO), 0
+    for _ in range(MAX_TRANSPARENT):
+        met, light = follow(f, tables, memory, ray, stretch, light)
+        rays += 1
+        if not met:
+            break
+        hit = hit_of(f, geometry, memory.floats, memory.words)
+        p, _, ng, material, triangle, inside = find_surface(f, geometry, hit, negate(ray.wi))
+        found, _ = emitted(f, tables, ray, p, material, triangle)
+        light = gather(f, light, found)
+        if not f.transparency:
+            break
+        light = dimmed(light, material_color(geometry, material, TRANSPARENCY))
+        if is_black(light.throughput):
+            break
+        stretch = Stretch(offset_origin(inside, negate(ng)), ZERO, FAR, length(sub(p, ray.p)))
+    return Light(light.radiance, throughput, light.limit), rays
+
+
+@device
 def _credit_escaped(f, tables, parts, ray, light, scatterings):
     """The light that came with a ray that met nothing has its part."""
     if scatterings > 0:
-        credit_lobes(parts, scatterings, rows.SHARE, FIRST, light.radiance, True)
+        credit_lobes(parts, scatterings == 1, rows.SHARE, FIRST, light.radiance, True)
     elif shows_world_alone(f):
         credit(parts, rows.ENVIRONMENT, FIRST, light.radiance, True)
     else:
@@ -163,7 +249,7 @@ def _credit_escaped(f, tables, parts, ray, light, scatterings):
 def _credit_met(parts, light, scatterings):
     """The light that came with a ray to a surface, and the surface's own, has its part."""
     if scatterings > 0:
-        credit_lobes(parts, scatterings, rows.SHARE, FIRST, light.radiance, True)
+        credit_lobes(parts, scatterings == 1, rows.SHARE, FIRST, light.radiance, True)
     else:
         credit(parts, rows.EMISSION, FIRST, light.radiance, True)
 
@@ -173,45 +259,7 @@ def _credit_lit(f, parts, vertex, sample, light, scatterings):
     """The light that a `LightSample` brought to a vertex has its part."""
     if scatterings == 0:
         put_at_3(parts, rows.LIGHT_SHARE, FIRST, lit_share(f, vertex, sample), True)
-        credit_lobes(parts, 1, rows.LIGHT_SHARE, FIRST, light.radiance, True)
-    else:
-        credit_lobes(parts, scatterings + 1, rows.SHARE, FIRST, light.radiance, True)
-
-
-@device
-def _pass(tables, numbers, material, last):
-    """(whether the path goes straight on through a surface, factor of its throughput, whichever it does)."""
-    geometry = tables.geometry
-    through = material_color(geometry, material, TRANSPARENCY)
-    if is_black(through):
-        return False, WHITE
-    share = average(through)
-    chance = ONE
-    if not last:
-        kd, ks = material_color(geometry, material, KD), material_color(geometry, material, KS)
-        chance = share / (share + average(kd) + average(ks))
-    if sample_1d(tables.sampler, numbers.key, numbers.order, numbers.dimension + PASS) < chance:
-        return True, scale(through, ONE / chance)
-    return False, scale(WHITE, ONE / (ONE - chance))
-
-
-@device
-def _counted(f, bounces, kind):
-    """`bounces` after one more, of this kind."""
-    if not f.ray_kinds:
-        return Bounces(bounces.total + 1, 0, 0)
-    glossy = 1 if kind == GLOSSY_RAY else 0
-    return Bounces(bounces.total + 1, bounces.diffuse + 1 - glossy, bounces.glossy + glossy)
-
-
-@device
-def _is_last(limits, bounces):
-    """Whether the next ray only sees emission."""
-    return (
-        bounces.total > limits.max_bounces
-        or bounces.diffuse > limits.diffuse_bounces
-        or bounces.glossy > limits.glossy_bounces
-    )
+    credit_lit(parts, scatterings == 0, FIRST, light.radiance, True)
 
 
 def new_path(lamp_count: int, light_passes: int = 0) -> np.ndarray:
@@ -260,3 +308,18 @@ def make_path_kernel(features: Features):
         return rays
 
     return render_tile
+
+
+path_kernel = cache(make_path_kernel)
+
+
+def new_memory(features: Features, lamp_count: int = 0) -> np.ndarray:
+    """A thread's, for `path_kernel`, as `batch.new_batch` is for the engine's."""
+    return new_path(lamp_count, features.light_passes)
+
+
+@contextlib.contextmanager
+def by_path() -> Iterator[None]:
+    """Within, the compiled road renders path by path."""
+    with mock.patch.object(tiles, "tile_kernel", path_kernel), mock.patch.object(tiles, "new_batch", new_memory):
+        yield
