@@ -111,18 +111,19 @@ def receiver(vertex):
 
 @device
 def unshadowed_light('''
-_KEPT = """
+_KEPT = """\
     to_lobe = receiver(vertex)
-    store_front_3(paths, rows.N + 3, at_column, (to_lobe[3], to_lobe[4], to_lobe[5]), alive)
-    store_front(paths, rows.N + 6, at_column, to_lobe[6], alive)
-    store_front(paths, rows.N + 7, at_column, to_lobe[7], alive)
+    store_front_3(batch.paths, rows.N + 3, at_column, (to_lobe[3], to_lobe[4], to_lobe[5]), alive)
+    store_front(batch.paths, rows.N + 6, at_column, to_lobe[6], alive)
+    store_front(batch.paths, rows.N + 7, at_column, to_lobe[7], alive)
+    if not is_mixed(f):
 """
 _LOADED = """
     n = (n[0], n[1], n[2], load(paths, rows.N + 3, i), load(paths, rows.N + 4, i), load(paths, rows.N + 5, i),
          load(paths, rows.N + 6, i), load(paths, rows.N + 7, i))
     return Ray("""
 TREE_FOR_GLOSS: Edits = [
-    (KERNELS + "rows.py", "= _rows(1, 1, 1, 3, 3, 3, 3, 1, 3, 1, 1)", "= _rows(1, 1, 1, 3, 3, 8, 3, 1, 3, 1, 1)"),
+    (KERNELS + "rows.py", "_RAY_ROWS = (3, 3, 3, 1, 3, 1, 1)", "_RAY_ROWS = (3, 8, 3, 1, 3, 1, 1)"),
     (
         KERNELS + "light/tree.py",
         "LEAST_COSINE = np.float32(0.2)\n",
@@ -143,54 +144,70 @@ TREE_FOR_GLOSS: Edits = [
     (KERNELS + "direct.py", "import BLACK, FAR,", "import average, reflect, BLACK, FAR,"),
     (KERNELS + "direct.py", "@device\ndef unshadowed_light(", _RECEIVER),
     (KERNELS + "staged.py", "from .direct import lit_share", "from .direct import receiver, lit_share"),
+    (KERNELS + "staged.py", "    if not is_mixed(f):\n", _KEPT),
     (
         KERNELS + "staged.py",
-        "    store_front_3(paths, rows.N, at_column, vertex.n, alive)\n",
-        "    store_front_3(paths, rows.N, at_column, vertex.n, alive)" + _KEPT,
+        "straight = light.throughput, ray.p, ray.n,",
+        "straight = light.throughput, ray.p, (ray.n[0], ray.n[1], ray.n[2]),",
     ),
     (KERNELS + "batch.py", "\n    return Ray(", _LOADED),
 ]
 
+# By the kernel that tests compare with. It is imported when it is asked for, as it imports the engine.
+_KERNEL_BY_PATH = """\
+def tile_kernel(features):
+    from tools.by_path import path_kernel
+
+    return path_kernel(features)
+
+
+def new_batch(features, lamp_count=0):
+    from tools.by_path import new_memory
+
+    return new_memory(features, lamp_count)
+"""
+PATH_BY_PATH: Edits = [("engine/tiles.py", "tile_kernel = cache(make_staged_kernel)\n", _KERNEL_BY_PATH)]
+
 # Two light samples at the first vertex, which share out the samples of a pixel among them. What both find, and the next
 # ray, is weighted by twice the density of one: as a ray of half its density is.
 _TWO_SHADOW_RAYS = """\
-            split = np.uint32(1 if bounces == 0 else 0)
-            each = Light(BLACK, scale(light.throughput, HALF if bounces == 0 else ONE), light.limit)
-            for k in range(2 if bounces == 0 else 1):
-                order = uint32((numbers.order >> split) | np.uint32(k << 31))
-                own = Numbers(numbers.key, order, dimension)
-                shadows += _queue_shadows(f, tables, batch, vertex, own, each, place, alive, shadows, bounces)
+            split, of = np.uint32(1 if stage == 0 else 0), path
+            each = Light(BLACK, scale(light.throughput, HALF if stage == 0 else ONE), light.limit)
+            for k in range(2 if stage == 0 else 1):
+                order = uint32((of.numbers.order >> split) | np.uint32(k << 31))
+                numbers = Numbers(of.numbers.key, order, dimension)
+                own = Path(of.i, of.place, numbers, of.ray, of.bounces, of.passed, of.light)
+                shadows += _queue_shadows(f, tables, batch, own, vertex, each, alive, shadows)
 """
 # A path may have two of the sixteen lanes: one after the other adds to its sample.
 _ADDED_ONE_BY_ONE = """\
-        store_3(shadows, rows.BRINGS, i, select(arrives, load_3(shadows, rows.BRINGS, i), BLACK))
-        for column in range(i, min(i + WIDTH, n)):
-            for channel in range(3):
-                to = batch.shadow_words[rows.TO, column]
-                batch.samples[rows.LIGHT + channel, to] += shadows[rows.BRINGS + channel, column]
+    store_3(batch.shadows, rows.BRINGS, i, select(arrives, brings, BLACK))
+    for column in range(i, i + WIDTH):
+        for channel in range(3):
+            to = batch.shadow_words[rows.TO, column]
+            batch.samples[rows.LIGHT + channel, to] += batch.shadows[rows.BRINGS + channel, column]
 """
 TWO_LIGHT_SAMPLES: Edits = [
     (
         KERNELS + "rays.py",
-        "        add_at_3(batch.samples, rows.LIGHT, place, load_3(shadows, rows.BRINGS, i), arrives)\n",
+        "    add_at_3(batch.samples, rows.LIGHT, place, clamped(f, brings, limit), arrives)\n",
         _ADDED_ONE_BY_ONE,
     ),
-    (KERNELS + "rays.py", "from .batch import add_at_3,", "from .batch import store_3, add_at_3,"),
+    (KERNELS + "rays.py", "    put_at_3,\n", "    put_at_3,\n    store_3,\n"),
     (KERNELS + "rays.py", "from .geom.vec import FAR,", "from .geom.vec import BLACK, FAR,"),
     (
         KERNELS + "staged.py",
         """\
-            shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows, bounces)
+            shadows += _queue_shadows(f, tables, batch, path, vertex, light, alive, shadows)
 """,
         _TWO_SHADOW_RAYS,
     ),
     (
         KERNELS + "staged.py",
-        "store_front(paths, rows.PDF, at_column, ray.pdf, alive)",
-        "store_front(paths, rows.PDF, at_column, ray.pdf * (HALF if bounces == 0 else ONE), alive)",
+        "store_front(paths, rows.PDF, at_column, pdf, mask)",
+        "store_front(paths, rows.PDF, at_column, pdf * select(path.bounces.total == 0, HALF, ONE), mask)",
     ),
     (KERNELS + "staged.py", "from .geom.vec import BLACK,", "from .geom.vec import HALF, BLACK,"),
-    (KERNELS + "staged.py", "    to_index,\n)", "    to_index,\n    uint32,\n)"),
     (
         KERNELS + "direct.py",
         "sampled_light_weight(light, pdf)",

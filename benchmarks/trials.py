@@ -47,6 +47,7 @@ from tqdm import tqdm
 from benchmarks.convergence.reference import TRIM, Reference, make_reference
 from benchmarks.convergence.tables import quote
 from engine import Scene
+from engine.features import Features
 from engine.kernels import rows
 from engine.kernels.batch import BATCH, COLUMNS, new_batch
 from engine.kernels.embree import PACKET_WIDTH
@@ -293,8 +294,8 @@ TRIALS = (
         "path by path",
         "stages: batches of paths, rays and shadow rays deferred, sixteen in a register",
         True,
-        f"{new_batch(0).nbytes:,} bytes a thread, code",
-        [(KERNELS + "staged.py", "usual = f.shared_light and not", "usual = False and f.shared_light and not")],
+        f"{new_batch(Features()).nbytes:,} bytes a thread, code",
+        edits.PATH_BY_PATH,
     ),
     Trial(
         "shadow rays at each vertex",
@@ -304,13 +305,12 @@ TRIALS = (
         [
             (
                 KERNELS + "staged.py",
-                "shadows += _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, shadows, bounces)",
+                "shadows += _queue_shadows(f, tables, batch, path, vertex, light, alive, shadows)",
                 """\
-waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive, NONE, bounces)
-            occluded_all(f, tables, batch, waiting, bounces == 0)
-            shadows += waiting""",
+waiting = _queue_shadows(f, tables, batch, path, vertex, light, alive, NONE)
+            shadows += light_all(f, tables, limits, batch, waiting, stage)""",
             ),
-            (KERNELS + "staged.py", "        occluded_all(f, tables, batch, shadows, first)\n", ""),
+            (KERNELS + "staged.py", "+= light_all(f, tables, limits, batch, shadows, stage)\n", "+= shadows\n"),
         ],
     ),
     Trial(
@@ -408,7 +408,7 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         "a batch of 256 paths",
         "batches of 1,024 paths, not 256",
         True,
-        f"{new_batch(0).nbytes // BATCH} bytes a path and thread",
+        f"{new_batch(Features()).nbytes // BATCH} bytes a path and thread",
         [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 256")],
         scenes=SHOWN,
         **LARGE,
@@ -417,7 +417,7 @@ waiting = _queue_shadows(f, tables, batch, vertex, numbers, light, place, alive,
         "a batch of 4,096 paths",
         "batches of 4,096 paths",
         False,
-        f"{new_batch(0).nbytes // BATCH} bytes a path and thread",
+        f"{new_batch(Features()).nbytes // BATCH} bytes a path and thread",
         [(KERNELS + "batch.py", "BATCH = 1024", "BATCH = 4096")],
         scenes=SHOWN,
         **LARGE,
@@ -500,8 +500,10 @@ class Worker:
 
 
 def edited(folder: Path, trial: Trial | None) -> None:
-    """Copy the engine into the folder, and make the trial's edits."""
+    """Copy the engine into the folder, with the kernel that goes path by path, and make the trial's edits."""
     shutil.copytree(common.ROOT / "engine", folder / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "tools").mkdir()
+    shutil.copy(common.ROOT / "tools" / "by_path.py", folder / "tools")
     for name, old, new in trial.edits if trial else ():
         path = folder / name
         text = path.read_text()

@@ -304,7 +304,7 @@ def _credit_found(batch, path, mask, part):
 @device
 def _pass_on(f, tables, batch, path, material, alive, hole, last):
     """(which of the paths that are alive go straight on through the surface that they have met, all throughputs)."""
-    passes, throughput, geometry = alive & last & no(last), path.light.throughput, tables.geometry
+    passes, throughput, geometry = first_lanes(NONE), path.light.throughput, tables.geometry
     if f.transparency:
         chosen, factor = pass_through(tables, path.numbers, material, last)
         passes, throughput = alive & chosen, mul(throughput, factor)
@@ -448,7 +448,7 @@ def _see(f, tables, limits, looks, n, stage):
         if not any_of(alive):
             continue
         surface = find_surface(f, tables.geometry, _hit_at(looks, i), negate(path.ray.wi))
-        _add_emitted(f, tables, looks, path, surface, alive, alive & no(alive))
+        _add_emitted(f, tables, looks, path, surface, alive, first_lanes(NONE))
         throughput = mul(path.light.throughput, material_color(tables.geometry, surface[3], TRANSPARENCY))
         alive = alive & no(is_black(throughput))
         if f.transparency and any_of(alive):

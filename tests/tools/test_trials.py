@@ -16,6 +16,7 @@ from scipy import stats
 
 from engine import Settings
 from engine.adaptive import MIN_SAMPLES
+from engine.features import Features
 from engine.kernels.batch import new_batch
 from engine.schedule import schedule
 from tools import metrics
@@ -168,7 +169,7 @@ def test_prices_are_those_of_the_arrays(trials):
     prices = {t.name: t.price() if callable(t.price) else t.price for t in trials.TRIALS}
     assert prices["independent random numbers"] == f"a table of {4 * 4096 * 4:,} bytes, for all scenes"
     assert prices["lights chosen by power"] == "136 bytes an emitter"  # two nodes of a cache line, and a path
-    assert prices["path by path"] == f"{new_batch(0).nbytes:,} bytes a thread, code"
+    assert prices["path by path"] == f"{new_batch(Features()).nbytes:,} bytes a thread, code"
 
 
 def test_ratios_and_their_errors_are_of_the_same_estimate(trials):
