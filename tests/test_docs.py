@@ -68,8 +68,8 @@ def test_the_readme_quotes_the_benchmark() -> None:
     assert rows and f"{begin}{common.markdown(bench_tables.short(rows))}{end}" in read(README)
 
 
-# Of confidence, of tests' levels, and what tests and settings tolerate: they are chosen.
-CHOSEN = {"95 %", "99 %", "99.9 %", "99.75 %", "0.2 %", "1 %", "2 %", "5 %"}
+# Of confidence, of tests' levels, of trimming, and what tests and settings tolerate: they are chosen.
+CHOSEN = {"0.1 %", "95 %", "99 %", "99.9 %", "99.75 %", "0.2 %", "1 %", "2 %", "5 %"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=identify)
