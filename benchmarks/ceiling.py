@@ -29,7 +29,6 @@ from numba import carray
 from tqdm import tqdm
 
 from benchmarks import common
-from benchmarks.convergence import plan
 from tools import metrics
 
 # A record: the words of Embree's RTCRay, then which call it went to, and whether it hit something.
@@ -74,7 +73,7 @@ def measure(name: str, resolution: tuple[int, int], samples: int, threads: int, 
         "copying": lambda: copying(recording, packed, threads),
     }
     times: dict[str, list[float]] = {what: [] for what in steps}
-    for _, what in plan.in_turn(tuple(steps), runs):
+    for _, what in common.in_turn(tuple(steps), runs):
         times[what].append(steps[what]())
     rays_alone = without_copying(times["replay"], times["copying"])
     median, low, high = metrics.median_ratio(times["render"], rays_alone)

@@ -136,12 +136,11 @@ def _with(feature: str) -> AbstractContextManager[None]:
 def _ratio(scene: Scene, settings: Settings, feature: str, runs: int) -> str:
     """Of the times of the render phase, the median of pairs with its range."""
     seconds: dict[bool, list[float]] = {True: [], False: []}
-    for run in range(runs + 1):
-        for on in (True, False) if run % 2 else (False, True):
-            with _with(feature) if on else nullcontext():
-                taken = render(scene, asked(settings, feature) if on else settings).seconds["render"]
-            if run:  # the first compiles
-                seconds[on].append(taken)
+    for run, on in common.in_turn((False, True), runs + 1):
+        with _with(feature) if on else nullcontext():
+            taken = render(scene, asked(settings, feature) if on else settings).seconds["render"]
+        if run:  # the first compiles
+            seconds[on].append(taken)
     return "{:.2f} ({:.2f} to {:.2f})".format(*metrics.median_ratio(seconds[True], seconds[False]))
 
 

@@ -62,13 +62,12 @@ def in_turn(steps: dict[Hashable, Callable[[], dict]], runs: int, name: str) -> 
     """What each step gives in each of so many rounds. They go forth and back, after one round that warms up."""
     found: Rounds = {key: [] for key in steps}
     with tqdm(total=(runs + 1) * len(steps), desc=name, file=sys.stderr) as bar:
-        for run in range(runs + 1):
-            for key in steps if run % 2 == 0 else reversed(steps):
-                bar.set_postfix_str(" ".join(map(str, key)) if isinstance(key, tuple) else str(key))
-                result = steps[key]()
-                if run:
-                    found[key].append(result)
-                bar.update()
+        for run, key in common.in_turn(tuple(steps), runs + 1):
+            bar.set_postfix_str(" ".join(map(str, key)) if isinstance(key, tuple) else str(key))
+            result = steps[key]()
+            if run:
+                found[key].append(result)
+            bar.update()
     return found
 
 

@@ -9,8 +9,6 @@ import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..common import in_turn  # noqa: F401  benchmarks/ceiling.py has it from here
-
 ENGINES = ("LOBE", "CYCLES")
 LEVEL_FACTOR = 4
 FEWEST_LEVELS = 2  # these run whatever they cost: one point is no curve
