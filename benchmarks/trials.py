@@ -105,7 +105,9 @@ class Trial:
 
 # Rays of a pixel's neighbours lie as close together as in a picture that somebody wants, and passes are as long.
 LARGE: dict = {"resolution": (768, 512), "samples": 8}
-GLOSSY = "plates_phong", "lamps"
+# Elsewhere these change nothing.
+WITH_GLOSS = "plates_phong", "lamps", "world"
+WITH_TREE = "plates_phong", "lamps", "many_lights"
 SHOWN = "cornell_diffuse", "world", "many_lights"  # by large pictures: scenes without instances
 
 
@@ -165,6 +167,7 @@ TRIALS = (
         True,
         "a formula for the lobe's albedo at each vertex",
         settings={"lobe_selection": "CLASSIC"},
+        scenes=WITH_GLOSS,
     ),
     Trial(
         "no roulette",
@@ -216,6 +219,7 @@ TRIALS = (
                 "return left_child, left[POWER], right_child, right[POWER]",
             )
         ],
+        scenes=WITH_TREE,
     ),
     Trial(
         "a light tree that knows the lobe",
@@ -223,7 +227,7 @@ TRIALS = (
         False,
         "five numbers a path, an exponential for each node",
         edits.TREE_FOR_GLOSS,
-        scenes=GLOSSY,
+        scenes=("plates_phong", "lamps"),
     ),
     Trial(
         "one of four light samples",
@@ -245,6 +249,7 @@ TRIALS = (
         True,
         "two nodes of the tree for each vertex",
         [(KERNELS + "light/groups.py", "LEAST_SHARE = np.float32(1 / 3)", "LEAST_SHARE = np.float32(1)")],
+        scenes=("lamps", "many_lights"),
     ),
     Trial(
         "lamps in Embree's scene, however few",
@@ -258,6 +263,7 @@ TRIALS = (
                 "MOST_LISTED_ROUND, MOST_LISTED_FLAT = 0, 0",
             )
         ],
+        scenes=("plates_phong", "lamps"),
     ),
     Trial(
         "emitters sampled by area",
@@ -265,6 +271,7 @@ TRIALS = (
         True,
         "code",
         [(KERNELS + "light/spherical.py", "FAR_RATIO = np.float32(2)", "FAR_RATIO = np.float32(0)")],
+        scenes=("cornell_diffuse", *WITH_TREE),
     ),
     Trial(
         "spheres sampled by area",
@@ -272,6 +279,7 @@ TRIALS = (
         True,
         "none",
         edits.SPHERES_BY_AREA,
+        scenes=("lamps",),
     ),
     Trial(
         "adaptive sampling",

@@ -14,13 +14,16 @@ import pytest
 import scenes
 from scipy import stats
 
-from engine import Settings
+from engine import Settings, features
 from engine.adaptive import MIN_SAMPLES
 from engine.features import Features
 from engine.kernels.batch import new_batch
+from engine.pack import pack
 from engine.schedule import schedule
 from tools import metrics
 from tools.blender_render import ToolError
+from tools.exported import exported
+from tools.lobe_blender import enable_lobe
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +46,33 @@ def test_what_depends_on_the_size_is_tried_on_large_pictures(trials):
     packets = {trial.name for trial in trials.TRIALS if trial.name.startswith(("packets", "single rays", "a batch"))}
     assert packets and packets <= large
     assert {"pixels of a tile in Morton order", "huge pages for Embree", "the same engine, large pictures"} <= large
+
+
+def test_trials_are_left_out_where_they_change_nothing(trials):
+    """By the features of the sample scenes."""
+    enable_lobe()
+    needed = {}
+    for name in trials.common.SCENES:
+        trials.common.prepare(trials.common.scene_path(name), (8, 6), 1)
+        needed[name] = pack(exported(), Settings()).features
+    acts = {
+        "lobes chosen by kd and ks": lambda f: f.phong,
+        "lights chosen by power": lambda f: f.emitter_choice == features.EMITTER_TREE,
+        "a light tree that knows the lobe": lambda f: f.phong and f.emitter_choice == features.EMITTER_TREE,
+        "groups of lights by even shares": lambda f: (
+            (f.emitter_choice != features.NO_EMITTER) + (f.suns > 0) + (f.world == features.IMAGE_WORLD) > 1
+        ),
+        "lamps in Embree's scene, however few": lambda f: f.lamp_shapes & features.LISTED_LAMPS,
+        "emitters sampled by area": lambda f: f.mesh_emitters or f.lamp_kinds & features.RECTANGLE,
+        "spheres sampled by area": lambda f: f.lamp_kinds & features.SPHERE,
+        "packets for all rays": lambda f: f.instances,
+        "packets for the camera's rays alone": lambda f: not f.instances,
+    }
+    for name, changes in acts.items():
+        tried = set(trials.chosen([name])[0].scenes)
+        changed = {scene for scene, found in needed.items() if changes(found)}
+        large = trials.chosen([name])[0].resolution is not None
+        assert tried <= changed if large else tried == changed, name
 
 
 @pytest.mark.parametrize(("name", "features", "holds"), [
