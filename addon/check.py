@@ -24,7 +24,6 @@ from .export.scene import note_scene
 from .faults import is_defect, message_of
 from .passes import wanted_passes
 from .render_slots import in_newest_slot
-from .report import nothing_to_see
 
 
 class _CheckEngine(bpy.types.RenderEngine):
@@ -41,7 +40,7 @@ class _CheckEngine(bpy.types.RenderEngine):
         try:
             scene = export_scene(depsgraph, notes=notes)
             settings = replace(export_settings(depsgraph.scene_eval), passes=wanted_passes(depsgraph.view_layer))
-            for sentence in nothing_to_see(scene) + left_out(settings):
+            for sentence in left_out(settings):
                 notes.warn_scene(sentence)
             settings.validate()
             scene.validate()
@@ -60,7 +59,7 @@ def check(scene) -> list[Note]:
     if scene.camera is None:  # Blender wouldn't begin
         return [Note(ERROR, "", "", NO_CAMERA)]
     notes = Notes()
-    note_scene(scene.render, notes)
+    note_scene(scene, notes)
     twin = scene.copy()
     try:
         _leave_no_trace(twin.render)

@@ -58,18 +58,9 @@ def add_layer(report: dict, scene: Scene, result: Result, export_seconds: float,
     for key, sentences in (
         ("skipped", result.skipped),
         ("not_exported", scene.skipped),
-        ("warnings", result.warnings + nothing_to_see(scene)),
+        ("warnings", result.warnings),
     ):
         report[key] += [s for s in dict.fromkeys(sentences) if s not in report[key]]
-
-
-def nothing_to_see(scene: Scene) -> list[str]:
-    """Why a picture comes out empty or black, where that is certain."""
-    if not len(scene.instances):
-        return ["there is nothing to render: no object has faces, so the picture shows the world alone"]
-    if not (scene.lights or any(scene.world.color) or any(any(material.emission) for material in scene.materials)):
-        return ["nothing gives light, so the picture is black: add a lamp, an emission or a world colour"]
-    return []
 
 
 def publish(report: dict, engine) -> None:

@@ -55,7 +55,7 @@ def prepare(scene, keeper: Keeper, seconds: float) -> Unmatched:
         if hasattr(lobe, key):
             keeper.put(lobe, key, False)
     others = _left_out(render) + _passes(scene)
-    for key in ("use_compositing", "use_sequencer", "use_multiview", "use_persistent_data"):
+    for key in ("use_compositing", "use_sequencer", "use_freestyle", "use_multiview", "use_persistent_data"):
         keeper.put(render, key, False)
     if render.use_border:
         keeper.put(render, "use_crop_to_border", True)
@@ -120,6 +120,8 @@ def _left_out(render) -> list[str]:
     strips = "strips" if hasattr(editor, "strips") else "sequences"  # the former from Blender 4.4 on
     if render.use_sequencer and editor is not None and len(getattr(editor, strips)):
         found.append("The video sequencer is left out")
+    if render.use_freestyle:
+        found.append("Freestyle is left out")
     if render.use_motion_blur:
         found.append("Motion blur is left out")
     if render.use_multiview:

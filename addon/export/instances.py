@@ -30,9 +30,9 @@ UNSUPPORTED_TYPES = {
     "CURVES": "hair curves",
     "POINTCLOUD": "point clouds",
     "VOLUME": "volumes",
-    "GPENCIL": "Grease Pencil objects",
-    "GREASEPENCIL": "Grease Pencil objects",
 }
+# Drawn by Blender itself, over the picture of any engine. The first before Blender 4.3, the second from then on.
+GREASE_PENCIL = ("GPENCIL", "GREASEPENCIL")
 
 VISIBILITY = (
     ("visible_camera", Visibility.CAMERA),
@@ -80,6 +80,8 @@ class Placement:
     kept   meshes of an export before
     shown  whether to draw an evaluated object; None: all
     with_uvs  for the pass
+
+    has_grease_pencil  whether any of it is shown
     """
 
     def __init__(
@@ -89,6 +91,7 @@ class Placement:
         self.meshes: list[Mesh] = []
         self.lamps: list[PlacedLamp] = []
         self._lamp_objects: list[tuple[str, int, Visibility]] = []  # as the first members of a `PlacedLamp`
+        self.has_grease_pencil = False
         self._lights: dict[int, bpy.types.Light] = {}  # by `uid_of`, evaluated
         self._materials = materials
         self._notes = notes
@@ -97,6 +100,7 @@ class Placement:
         self._with_uvs = with_uvs
         self._shown = shown or (lambda _object: True)
         self._view_layer = depsgraph.view_layer
+        self._draws_grease_pencil = getattr(depsgraph.view_layer, "use_grease_pencil", True)  # always before 5.0
         self._viewport = depsgraph.mode == "VIEWPORT"
         self._layer_flags = uses_layer_flags(depsgraph.view_layer.layer_collection)
         self._mesh_index: dict = {}
@@ -163,6 +167,7 @@ class Placement:
         if object_.type == "LIGHT":
             return self._lamp(item, object_)
         if object_.type != "MESH":
+            self.has_grease_pencil |= object_.type in GREASE_PENCIL and self._draws_grease_pencil
             if object_.type in UNSUPPORTED_TYPES:
                 what = UNSUPPORTED_TYPES[object_.type]
                 self._notes.warn("object", object_.name, f"{what} are not supported and left out")

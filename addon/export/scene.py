@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import bpy
 
-from ...engine import Mist, Scene
+from ...engine import Mist, Scene, Visibility
 from ..denoise import MISSING, is_missing, print_what_was_tried
 from ..passes import wanted_passes
 from .camera import border, export_camera, resolution
@@ -53,7 +53,7 @@ def export_scene(
     world, suns = kept.world(depsgraph, notes)
     note_libraries(notes)
     note_working_space(notes)
-    note_scene(render, notes)
+    note_scene(depsgraph.scene, notes)
     note_denoising(scene, notes)
     note_cycles_scene(scene, notes)
     note_view_layer(view_layer, notes)
@@ -72,9 +72,23 @@ def export_scene(
         mist=export_mist(scene.world),
         occlusion_distance=scene.world.light_settings.distance if scene.world else Scene.occlusion_distance,
     )
+    note_nothing_to_see(exported, placement.has_grease_pencil, notes)
     kept.finish(exported, notes)
     exported.skipped, exported.warnings = notes.skipped, notes.warnings
     return exported
+
+
+def note_nothing_to_see(scene: Scene, has_grease_pencil: bool, notes: Notes) -> None:
+    """Why a picture comes out empty or black, where that is certain. Blender puts Grease Pencil
+    over the picture, and needs none of this for it."""
+    is_lit = any(scene.world.color)
+    if not len(scene.instances):
+        backdrop = is_lit and scene.world.visibility & Visibility.CAMERA and not scene.transparent_film
+        lamps = any(lamp.visibility & Visibility.CAMERA for lamp in scene.lights)
+        if not (backdrop or lamps or has_grease_pencil):
+            notes.warn_scene("there is nothing to render: no object has faces, and no world shows behind them")
+    elif not (is_lit or scene.lights or any(any(material.emission) for material in scene.materials)):
+        notes.warn_scene("nothing gives light, so every surface is black: add a lamp, an emission or a world colour")
 
 
 def export_mist(world) -> Mist:
@@ -106,14 +120,26 @@ def note_working_space(notes: Notes) -> None:
         notes.warn_scene(f"the working space {space} is not supported: colours are taken for {WORKING_SPACE}")
 
 
-def note_scene(render, notes: Notes) -> None:
+def note_scene(scene, notes: Notes) -> None:
     """Names what the render settings ask for and the engine does not do."""
+    render = scene.render
     if render.use_motion_blur:
         notes.warn_scene("motion blur is not supported and left out")
     if render.use_multiview:
         notes.warn_scene("stereo rendering is not supported, every view is the centre one")
     if render.use_freestyle:
-        notes.warn_scene("Freestyle lines are not supported and left out")
+        note_freestyle(scene.view_layers, notes)
+
+
+def note_freestyle(view_layers, notes: Notes) -> None:
+    """Blender puts the lines over every engine's picture. It has EEVEE draw them, but for Cycles, which draws its own:
+    EEVEE dithers what one can see through."""
+    for layer in view_layers:
+        lines = layer.freestyle_settings.linesets if layer.use and layer.use_freestyle else ()
+        styles = [line.linestyle for line in lines if line.show_render and line.linestyle is not None]
+        if any(style.alpha < 1.0 or len(style.alpha_modifiers) for style in styles):
+            what = "Freestyle lines that one can see through are drawn by EEVEE, which makes them grainy"
+            notes.approximate("view layer", layer.name, what)
 
 
 def note_denoising(scene, notes: Notes) -> None:

@@ -22,8 +22,12 @@ OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as th
 AOVS, LIGHT_GROUPS, PASSES_NOT_MADE = "shader AOVs", "light groups", "these passes are not made"
 
 PASSES = ("use_pass_", "pass_", "denoising_store_passes")  # how the boxes of passes are called
-# What is no pass but the picture itself, a setting of one, and what Lobe makes.
-WISHES_GRANTED = {"use_pass_combined", "use_pass_cryptomatte_accurate", *(kind.box for kind in KINDS.values())}
+# What is no pass but the picture itself, a setting of one, what Blender makes of any engine's picture, and what Lobe
+# makes.
+WISHES_GRANTED = {
+    "use_pass_combined", "use_pass_cryptomatte_accurate", "use_pass_grease_pencil",
+    *(kind.box for kind in KINDS.values()),
+}  # fmt: skip
 
 EEVEE_LIGHT = {
     "diffuse_factor": "diffuse factor",

@@ -25,10 +25,10 @@ _EXCLUDE = {
     "RENDER_PT_color_management_working_space",
     "RENDER_PT_output_views",
     "RENDER_PT_simplify",
+    "RENDER_PT_simplify_greasepencil",  # which belongs to that one
     "RENDER_PT_stereoscopy",
 }
-# Of what Lobe doesn't draw at all.
-_EXCLUDE_WORDS = ("freestyle", "gpencil", "grease_pencil", "greasepencil", "lightprobe")
+_EXCLUDE_WORD = "lightprobe"  # of what Lobe doesn't draw at all
 
 # Made for EEVEE alone, and right for Lobe too.
 _INCLUDE = {
@@ -49,9 +49,7 @@ def _all_panels(cls: type = bpy.types.Panel):
 
 def _wanted(panel: type) -> bool:
     engines = getattr(panel, "COMPAT_ENGINES", None)
-    if engines is None or ENGINE in engines or panel.__name__ in _EXCLUDE:
-        return False
-    if any(word in panel.__name__ for word in _EXCLUDE_WORDS):
+    if engines is None or ENGINE in engines or panel.__name__ in _EXCLUDE or _EXCLUDE_WORD in panel.__name__:
         return False
     return panel.__name__ in _INCLUDE or "BLENDER_RENDER" in engines
 

@@ -130,6 +130,8 @@ class LOBE_VIEWLAYER_PT_filter(LobePanel, bpy.types.Panel):
         include = column.column(heading="Include")
         include.prop(context.view_layer, "use_sky", text="Environment")
         include.prop(context.view_layer, "use_solid", text="Surfaces")
+        if hasattr(context.view_layer, "use_grease_pencil"):  # Blender 5.0 on
+            include.prop(context.view_layer, "use_grease_pencil", text="Grease Pencil")
 
 
 class LOBE_VIEWLAYER_PT_override(LobePanel, bpy.types.Panel):

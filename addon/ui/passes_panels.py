@@ -29,6 +29,8 @@ class LOBE_VIEWLAYER_PT_passes_data(_Panel, bpy.types.Panel):
         include = self.column().column(heading="Include", align=True)
         for name in ("combined", "z", "mist", "position", "normal", "uv"):
             include.prop(layer, f"use_pass_{name}")
+        if hasattr(layer, "use_pass_grease_pencil"):  # Blender's own, from 5.0 on
+            include.prop(layer, "use_pass_grease_pencil", text="Grease Pencil")
         include.prop(layer.lobe, "denoising_data")
         indexes = self.column().column(heading="Indexes", align=True)
         indexes.prop(layer, "use_pass_object_index")

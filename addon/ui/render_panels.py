@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+from bl_ui.properties_grease_pencil_common import GreasePencilSimplifyPanel
 
 from .. import precompile
 from ..denoise import MISSING, UNUSABLE, is_missing
@@ -177,6 +178,12 @@ class LOBE_RENDER_PT_simplify_render(_Panel, bpy.types.Panel):
         _draw_simplify(self.column(), context.scene.render, "_render")
 
 
+class LOBE_RENDER_PT_simplify_greasepencil(_Panel, GreasePencilSimplifyPanel, bpy.types.Panel):
+    bl_label = "Grease Pencil"
+    bl_parent_id = "LOBE_RENDER_PT_simplify"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
 def _draw_simplify(column, render, suffix: str) -> None:
     column.active = render.use_simplify
     column.prop(render, f"simplify_subdivision{suffix}", text="Max Subdivision")
@@ -237,6 +244,7 @@ CLASSES = (
     LOBE_RENDER_PT_simplify,
     LOBE_RENDER_PT_simplify_viewport,
     LOBE_RENDER_PT_simplify_render,
+    LOBE_RENDER_PT_simplify_greasepencil,
     LOBE_RENDER_PT_film,
     LOBE_RENDER_PT_film_pixel_filter,
     LOBE_RENDER_PT_performance,

@@ -27,26 +27,10 @@ WITHOUT = {
     },
     "volumes": {"DATA_PT_volume_render"},
     "hair": {"PARTICLE_PT_hair_shape", "PARTICLE_PT_render_path", "PARTICLE_PT_render_path_timing"},
-    "grease pencil": {
-        "RENDER_PT_gpencil", "RENDER_PT_grease_pencil_render", "RENDER_PT_grease_pencil_viewport",
-        "RENDER_PT_simplify_greasepencil",
-    },
+    "what is Simplify's, which Lobe has a panel of its own for": {"RENDER_PT_simplify_greasepencil"},
     "working spaces": {"RENDER_PT_color_management_working_space"},
     "a texture node's own mapping": {"NODE_PT_texture_mapping"},
     "nothing by itself": {"OBJECT_PT_shading"},
-    "Freestyle": {
-        "MATERIAL_PT_freestyle_line", "RENDER_PT_freestyle", "VIEWLAYER_PT_freestyle",
-        "VIEWLAYER_PT_freestyle_animation", "VIEWLAYER_PT_freestyle_edge_detection", "VIEWLAYER_PT_freestyle_lineset",
-        "VIEWLAYER_PT_freestyle_lineset_collection", "VIEWLAYER_PT_freestyle_lineset_edgetype",
-        "VIEWLAYER_PT_freestyle_lineset_facemarks", "VIEWLAYER_PT_freestyle_lineset_visibilty",
-        "VIEWLAYER_PT_freestyle_linestyle_alpha", "VIEWLAYER_PT_freestyle_linestyle_color",
-        "VIEWLAYER_PT_freestyle_linestyle_geometry", "VIEWLAYER_PT_freestyle_linestyle_strokes",
-        "VIEWLAYER_PT_freestyle_linestyle_strokes_chaining", "VIEWLAYER_PT_freestyle_linestyle_strokes_dashedline",
-        "VIEWLAYER_PT_freestyle_linestyle_strokes_selection", "VIEWLAYER_PT_freestyle_linestyle_strokes_sorting",
-        "VIEWLAYER_PT_freestyle_linestyle_strokes_splitting",
-        "VIEWLAYER_PT_freestyle_linestyle_strokes_splitting_pattern", "VIEWLAYER_PT_freestyle_linestyle_texture",
-        "VIEWLAYER_PT_freestyle_linestyle_thickness", "VIEWLAYER_PT_freestyle_style_modules",
-    },
 }  # fmt: skip
 
 # Those that Lobe takes as they are, while Cycles has the same in panels of its own.
@@ -77,12 +61,12 @@ REACHABLE = {
     "RenderSettings": "engine film_transparent threads_mode threads use_persistent_data use_simplify use_overwrite "
     "use_placeholder use_border use_crop_to_border resolution_x resolution_y resolution_percentage pixel_aspect_x "
     "simplify_subdivision simplify_subdivision_render simplify_child_particles simplify_child_particles_render "
-    "use_single_layer",
+    "use_single_layer use_freestyle simplify_gpencil",
     "Scene": "camera background_set frame_start frame_end",
-    "ViewLayer": "use use_sky use_solid material_override use_pass_combined use_pass_z use_pass_mist use_pass_position "
-    "use_pass_normal use_pass_uv use_pass_object_index use_pass_material_index use_pass_emit use_pass_environment "
-    "use_pass_ambient_occlusion use_pass_diffuse_direct use_pass_diffuse_indirect use_pass_diffuse_color "
-    "use_pass_glossy_direct use_pass_glossy_indirect use_pass_glossy_color",
+    "ViewLayer": "use use_sky use_solid use_freestyle material_override use_pass_combined use_pass_z use_pass_mist "
+    "use_pass_position use_pass_normal use_pass_uv use_pass_object_index use_pass_material_index use_pass_emit "
+    "use_pass_environment use_pass_ambient_occlusion use_pass_diffuse_direct use_pass_diffuse_indirect "
+    "use_pass_diffuse_color use_pass_glossy_direct use_pass_glossy_indirect use_pass_glossy_color",
     "WorldLighting": "distance",
     "WorldMistSettings": "start depth falloff",
 }
@@ -161,6 +145,7 @@ class Context:
 def tabs() -> dict[str, Context]:
     scene, layer = bpy.context.scene, bpy.context.view_layer
     layer.use_pass_mist = layer.use_pass_ambient_occlusion = True  # then the world has panels for them
+    scene.render.use_freestyle = True
     scene.world = bpy.data.worlds.new("World")
     mesh = bpy.data.objects.new("Mesh", bpy.data.meshes.new("Mesh"))
     material, _ = new_material("Material", "ShaderNodeBsdfDiffuse")

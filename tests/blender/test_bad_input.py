@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from tests.blender.export_checks import add_object, new_material, node_tree, plane_mesh
+from tools import blender_render
 from tools.lobe_blender import MODULE
 
 NAN, INF = float("nan"), float("inf")
-EMPTY = "there is nothing to render: no object has faces, so the picture shows the world alone"
-DARK = "nothing gives light, so the picture is black: add a lamp, an emission or a world colour"
+EMPTY = "there is nothing to render: no object has faces, and no world shows behind them"
+DARK = "nothing gives light, so every surface is black: add a lamp, an emission or a world colour"
 
 
 @pytest.fixture
@@ -167,7 +168,7 @@ def test_a_missing_environment_is_magenta_and_named(scene, reported, rendered) -
     sky = missing_image(tree, "ShaderNodeTexEnvironment", "sky.hdr")
     tree.links.new(sky, tree.nodes["Background"].inputs["Color"])
     magenta = "Warning: Lobe: world 'World': image 'sky.hdr' is missing, drawn magenta"
-    assert reported() == [f"Warning: Lobe: {EMPTY}", magenta]
+    assert reported() == [magenta]
     assert np.allclose(rendered(scene)[..., :3], (1, 0, 1), atol=1e-4)
 
 
@@ -210,9 +211,30 @@ def test_faces_without_area(scene, reported, rendered, smooth: bool) -> None:
     assert np.allclose(pixels[..., :3], 0.8, rtol=0.02)  # the table's grey under a white sky
 
 
-def test_an_empty_scene_shows_the_world(simple_scene, reported, rendered) -> None:
-    assert reported() == [f"Warning: Lobe: {EMPTY}"]
+def test_a_scene_of_a_sky_alone_is_as_asked(simple_scene, reported, rendered) -> None:
+    assert reported() == []
     assert np.allclose(rendered(simple_scene), 1.0)
+    assert blender_render.check(simple_scene).is_honoured
+
+
+def test_a_scene_of_a_lamp_alone_is_as_asked(simple_scene, reported, rendered) -> None:
+    """It shows itself, and nothing else does."""
+    simple_scene.world = None
+    lamp = bpy.data.lights.new("Panel", "AREA")
+    lamp.energy, lamp.size = 100.0, 10.0
+    add_object("Panel", lamp, (0, 10, 0), (-np.pi / 2, 0, 0)).visible_camera = True
+    assert reported() == []
+    assert rendered(simple_scene)[..., :3].min() > 0.0
+
+
+@pytest.mark.parametrize("way", ["film", "visibility"])
+def test_a_world_that_nobody_sees_is_nothing_to_see(simple_scene, reported, rendered, way: str) -> None:
+    if way == "film":
+        simple_scene.render.film_transparent = True
+    else:
+        simple_scene.world.cycles_visibility.camera = False
+    assert reported() == [f"Warning: Lobe: {EMPTY}"]
+    assert not rendered(simple_scene)[..., :3].any()
 
 
 def test_an_empty_scene_without_a_world(simple_scene, reported, rendered) -> None:

@@ -140,11 +140,6 @@ def hair():
     system.settings.count = 3
 
 
-def grease_pencil():
-    drawings = getattr(bpy.data, "grease_pencils_v3", bpy.data.grease_pencils)  # the former in 4.3 to 4.5
-    add_object("Ink", drawings.new("Ink"))
-
-
 def collection_flag(**flags):
     inner = bpy.data.collections.new("Inner")
     bpy.context.scene.collection.children.link(inner)
@@ -182,12 +177,11 @@ NAMED = {
     "hair curves": (object_of("hair_curves"), "hair curves are not supported", "WARNING"),
     "point cloud": (object_of("pointclouds"), "point clouds are not supported", "WARNING"),
     "light probe": (lambda: bpy.ops.object.lightprobe_add(type="SPHERE"), "light probes are for EEVEE only", "SKIPPED"),
-    "grease pencil": (grease_pencil, "Grease Pencil objects are not supported", "WARNING"),
     "particle hair": (hair, "hair of particle system", "WARNING"),
     "adaptive subdivision": (None, "adaptive subdivision is not supported", "WARNING"),
     "motion blur": (put(render, use_motion_blur=True), "motion blur is not supported", "WARNING"),
     "stereo": (put(render, use_multiview=True), "stereo rendering is not supported", "WARNING"),
-    "Freestyle": (put(render, use_freestyle=True), "Freestyle lines are not supported", "WARNING"),
+    "Freestyle": (None, "Freestyle lines that one can see through are drawn by EEVEE", "APPROXIMATED"),
     "caustics off": (
         cycles(lambda: bpy.context.scene, caustics_reflective=False), "caustics are switched off", "WARNING"),
     "few transparent bounces": (
@@ -298,6 +292,14 @@ def _():
 @makes("transparent glass")
 def _():
     bpy.context.scene.render.film_transparent = bpy.context.scene.cycles.film_transparent_glass = True
+
+
+@makes("Freestyle")
+def _():
+    lines = layer().freestyle_settings.linesets
+    (lines[0] if len(lines) else lines.new("Lines")).linestyle = bpy.data.linestyles.new("Style")
+    lines[0].linestyle.alpha = 0.5
+    render().use_freestyle = layer().use_freestyle = True
 
 
 @makes("camera culling")
