@@ -148,12 +148,14 @@ class Images:
                 found = of_file(image, path)
                 several = has_layers(path)
         if found is None and not problem:
-            found = of_datablock(image)
+            with read_again(image, path, node.image_user) if from_file else contextlib.nullcontext(image) as source:
+                found = None if source is None else of_datablock(source)
             problem = UNREADABLE if image.source in FILES else "has no pixels"
             if image.original.type == "MULTILAYER":  # as Blender knows once it has tried
                 problem = PACKED_LAYERS
         if found is None:
-            self._problems[self._key(node)] = problem
+            of_frame = image.source == "SEQUENCE" and from_file
+            self._problems[self._key(node)] = f"shows {path!r}, which {problem}" if of_frame else problem
             return None
         self._note_parts(image, several)
         return found
@@ -330,12 +332,47 @@ def has_layers(path: str) -> bool:
     import OpenImageIO as oiio
 
     source = oiio.ImageInput.open(path)
-    if source is None or source.format_name() != "openexr":
+    if source is None:
+        oiio.geterror()
         return False
-    groups = {name.rpartition(".")[0] for name in source.spec().channelnames}
-    several = len(groups) > 1 or source.seek_subimage(1, 0)
-    source.close()
-    return several
+    try:
+        if source.format_name() != "openexr":
+            return False
+        groups = {name.rpartition(".")[0] for name in source.spec().channelnames}
+        return len(groups) > 1 or source.seek_subimage(1, 0)
+    finally:
+        source.close()
+
+
+@contextlib.contextmanager
+def read_again(image, path: str, user) -> Iterator[bpy.types.Image | None]:
+    """For the while, a datablock whose pixels are what an image user shows of a file; None where Blender can't read it.
+
+    The image's own pixels are of the frame that Blender has read last, for whatever picture. So the file of a movie or
+    sequence is read by itself, apart from the user's data.
+    """
+    if image.source not in MOVING:
+        yield image
+        return
+    try:
+        with bpy.data.temp_data() as data:
+            yield _load(data, image, path, user.frame_current)
+    finally:
+        data = None  # Blender takes it for that of the next time, if that has the same address and this is still there
+
+
+def _load(data, image, path: str, frame: int) -> bpy.types.Image | None:
+    try:
+        again = data.images.load(path)
+    except RuntimeError:
+        return None
+    again.alpha_mode = image.alpha_mode
+    tuple(image.size)  # asks Blender to read it: before that a movie has no colour space
+    if space := image.colorspace_settings.name:
+        again.colorspace_settings.name = space
+    if again.source == "MOVIE" and again.size[0]:
+        again.scale(*again.size, frame=frame)  # to the size that it has: of all that reads, this takes a frame
+    return again
 
 
 def read_datablock(image) -> Pixels | None:

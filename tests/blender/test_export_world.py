@@ -15,6 +15,7 @@ from tests.blender.export_checks import (
     add_object,
     cycles_picture,
     depsgraph,
+    in_render,
     new_material,
     node_tree,
     plane_mesh,
@@ -576,3 +577,113 @@ def test_visibility():
     visibility = export_scene(depsgraph()).world.visibility
     assert not visibility & (engine.Visibility.CAMERA | engine.Visibility.GLOSSY)
     assert visibility & engine.Visibility.DIFFUSE
+
+
+# --- images that move -------------------------------------------------------------------------------------------------
+
+GREYS = (0.1, 0.9, 0.4)  # of the frames, as the files have them
+
+
+def still_images(folder) -> str:
+    """The path of the first of three frames."""
+    for number, grey in enumerate(GREYS, 1):
+        image = bpy.data.images.new("Still", 64, 32)
+        image.pixels.foreach_set(np.tile(np.float32([grey, grey, grey, 1.0]), 64 * 32))
+        image.filepath_raw, image.file_format = str(folder / f"still_{number:04}.png"), "PNG"
+        image.save()
+        bpy.data.images.remove(image)
+    return str(folder / "still_0001.png")
+
+
+def movie(folder) -> str:
+    """The path of a file of these three frames, by Blender's sequencer."""
+    still_images(folder)
+    scene = bpy.context.window.scene = bpy.data.scenes.new("Edit")
+    editor = scene.sequence_editor_create()
+    strips = editor.strips if hasattr(editor, "strips") else editor.sequences  # the former from Blender 4.4 on
+    strip = strips.new_image("Stills", str(folder / "still_0001.png"), 1, 1)
+    for number in (2, 3):
+        strip.elements.append(f"still_{number:04}.png")
+    strip.frame_final_duration = scene.frame_end = 3
+    render = scene.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 64, 32, 100
+    scene.view_settings.view_transform = "Standard"
+    if hasattr(render.image_settings, "media_type"):
+        render.image_settings.media_type = "VIDEO"
+    render.image_settings.file_format = "FFMPEG"
+    render.ffmpeg.format, render.ffmpeg.codec, render.ffmpeg.constant_rate_factor = "MPEG4", "H264", "LOSSLESS"
+    render.filepath, render.use_file_extension = str(folder / "film.mp4"), False
+    bpy.ops.render.render(animation=True)
+    path = render.filepath
+    bpy.data.scenes.remove(scene)
+    return path
+
+
+def show_moving(path: str, kind: str, where: str, **of_user) -> None:
+    """In the world, or on a surface that fills the picture and shines."""
+    tree, background = new_world()
+    target = background.inputs["Color"]
+    if where == "surface":
+        material, emission = new_material("Screen", "ShaderNodeEmission")
+        add_object("Screen", plane_mesh(100)).data.materials.append(material)
+        tree, target = material.node_tree, emission.inputs["Color"]
+    node = tree.nodes.new("ShaderNodeTexImage" if where == "surface" else "ShaderNodeTexEnvironment")
+    node.image = bpy.data.images.load(path)
+    node.image.source = kind
+    node.image_user.frame_duration = 3
+    for key, value in of_user.items():
+        setattr(node.image_user, key, value)
+    tree.links.new(node.outputs["Color"], target)
+    add_camera()
+
+
+def shown() -> float:
+    """What a render would draw in the whole picture, in the frame as it is."""
+    exported = in_render(lambda engine, graph: export_scene(graph))
+    emissions = [material.emission[0] for material in exported.materials if any(material.emission)]
+    return float(emissions[0] if emissions else exported.world.image.mean())
+
+
+@pytest.mark.parametrize(
+    "of_user",
+    [{}, {"use_cyclic": True}, {"frame_start": 3, "frame_duration": 2}, {"frame_duration": 2, "frame_offset": 1}],
+    ids=["plain", "cyclic", "start", "offset"],
+)
+@pytest.mark.parametrize("where", ["world", "surface"])
+def test_a_movie_is_shown_frame_by_frame(tmp_path, where: str, of_user: dict) -> None:
+    """In whichever order they are rendered, and whatever Cycles has read of it before."""
+    show_moving(movie(tmp_path), "MOVIE", where, use_auto_refresh=True, **of_user)
+    scene = bpy.context.scene
+    seen = set()
+    for frame in (8, 4, 3, 2, 1, -1, 2):
+        scene.frame_set(frame)
+        lobe = shown()
+        seen.add(round(lobe, 2))
+        assert cycles_picture(8, 8, 1, tmp_path).mean() == pytest.approx(lobe, abs=0.005), frame
+        scene.render.engine = "LOBE"
+    assert len(seen) == (3 if not of_user or "use_cyclic" in of_user else 2 + ("frame_offset" in of_user))
+    assert [image.name for image in bpy.data.images if image.source == "MOVIE"] == ["film.mp4"]
+
+
+@pytest.mark.parametrize("where", ["world", "surface"])
+def test_a_sequence_that_blender_alone_can_read(tmp_path, monkeypatch, where: str) -> None:
+    def unreadable(path):
+        raise images.Unreadable
+
+    show_moving(still_images(tmp_path), "SEQUENCE", where, use_auto_refresh=True)
+    expected = {frame: (bpy.context.scene.frame_set(frame), shown())[1] for frame in (1, 2, 3)}
+    monkeypatch.setattr(images, "_opened", unreadable)
+    for frame in (3, 2, 1, 3):
+        bpy.context.scene.frame_set(frame)
+        assert shown() == pytest.approx(expected[frame], abs=0.005)
+    assert expected[1] < expected[3] < expected[2]
+
+
+def test_a_frame_that_is_missing_is_named_by_its_own_file(tmp_path) -> None:
+    show_moving(still_images(tmp_path), "SEQUENCE", "world", use_auto_refresh=True)
+    gone = tmp_path / "still_0002.png"
+    gone.unlink()
+    named = f"world 'World': image 'still_0001.png' shows {str(gone)!r}, which is missing, drawn magenta"
+    for frame, expected in ((1, []), (2, [named])):
+        bpy.context.scene.frame_set(frame)
+        assert in_render(lambda engine, graph: export_scene(graph)).warnings == expected
