@@ -56,7 +56,7 @@ PARTS = {
     "random numbers": ("sampler/sobol", "sampler/random"),
     "camera, film": ("camera/", "film/"),
     "rays to and from Embree": ("rays", "embree"),
-    "paths, their states": ("staged", "batch", "path", "tile", "records"),
+    "paths, their states": ("staged", "batch", "records"),
 }
 EMBREE, NOTING, OTHER = "Embree", "lamps that Embree asks about", "everything else"
 # Of what is in none of Lobe's machine code, by the name of its library, the first that fits.
