@@ -18,7 +18,7 @@ from .images import MISSING, Images
 from .materials import MaterialTable  # noqa: F401  (fills the registries of node converters)
 from .materials.light_path import IN_WORLDS
 from .materials.material import uses_nodes
-from .materials.nodes_math import euler_matrix
+from .materials.nodes_math import euler_matrix, turn_of
 from .materials.surface import Walk
 from .materials.tree import Slot, find_input, shader_output, source
 from .materials.values import Evaluator, as_color, node_label
@@ -50,7 +50,7 @@ def export_world(world, notes: Notes, images: Images, film_transparent: bool) ->
         return ExportedWorld(World(visibility=visibility), [])
 
     def note(sentence: str, level: str = WARNING) -> None:
-        notes.add(level, "world", world.name, sentence)
+        notes.add(level, "world", world.name_full, sentence)
 
     def shining(texture: Callable) -> np.ndarray:
         return Walk(Evaluator(note, texture, IN_WORLDS)).surface(surface).emission
@@ -182,18 +182,24 @@ class Environment:
         return mean
 
     def _rotation(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
-        """(3, 3) from a world direction to the one that is looked up, through any number of Mapping nodes."""
+        """(3, 3) from a world direction to the one that is looked up, through any number of nodes that turn it."""
+        turns = {"ShaderNodeMapping": self._mapping, "ShaderNodeVectorRotate": self._turn}
         matrix = np.eye(3)
         vector = source(slot.input("Vector"))
-        while vector.socket.is_output and vector.node.bl_idname == "ShaderNodeMapping":
-            matrix = matrix @ self._mapping(evaluator, vector)
+        while vector.socket.is_output and vector.node.bl_idname in turns:
+            matrix = matrix @ turns[vector.node.bl_idname](evaluator, vector)
             vector = source(vector.input("Vector"))
         if vector.socket.is_output and not is_direction(vector):
             self._note(f"{node_label(vector.node)} is not supported as the direction of an environment, left out")
         return matrix
 
+    def _turn(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
+        if np.abs(evaluator.vector(slot.input("Center"))).max() > 1e-6:
+            self._note("Vector Rotate's center is not supported for an environment, left out")
+        return turn_of(evaluator, slot)
+
     def _mapping(self, evaluator: Evaluator, slot: Slot) -> np.ndarray:
-        rotation = euler_matrix(evaluator.vector(slot.input("Rotation")))
+        rotation = euler_matrix(evaluator.mean_vector(slot.input("Rotation")))
         scale = as_color(evaluator.value(slot.input("Scale")))
         kind = slot.node.vector_type
         size = np.abs(scale).max()

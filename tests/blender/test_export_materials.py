@@ -527,6 +527,20 @@ def test_what_cannot_be_folded_counts_as_unplugged():
     assert warnings == ["material 'M': Noise Texture is not supported and counts as unplugged"]
 
 
+def test_a_colour_counts_for_what_an_unknown_node_makes_of_it():
+    material, diffuse = new_material("M", "ShaderNodeBsdfDiffuse", Color=(0.3, 0.4, 0.5, 1))
+    tree = material.node_tree
+    rgb, occlusion = tree.nodes.new("ShaderNodeRGB"), tree.nodes.new("ShaderNodeAmbientOcclusion")
+    rgb.outputs[0].default_value = (0.1, 0.7, 0.2, 1)
+    tree.links.new(rgb.outputs[0], occlusion.inputs["Color"])
+    tree.links.new(occlusion.outputs["Color"], diffuse.inputs["Color"])
+    result, warnings = exported(material)
+    assert result.kd == pytest.approx((0.1, 0.7, 0.2))
+    assert warnings == ["material 'M': Ambient Occlusion is not supported, its input 'Color' counts as it is"]
+    tree.links.new(occlusion.outputs["AO"], diffuse.inputs["Roughness"])
+    assert len(exported(material)[1]) == 2
+
+
 ORANGE = (0.8, 0.3, 0.1, 1)
 
 # Node, its properties, the values of its inputs in order (None: leave it), and the index of its output.
@@ -586,6 +600,30 @@ VALUES = [
         1,
     ),
     *(("ShaderNodeValToRGB", {}, [value], out) for value in (0.0, 0.3, 1.0) for out in (0, 1)),
+    *(
+        (kind, {"label": beyond}, inputs, 0)
+        for beyond in ("HORIZONTAL", "EXTRAPOLATED")
+        for kind, inputs in (
+            ("ShaderNodeRGBCurve", [1.0, ORANGE]),
+            ("ShaderNodeRGBCurve", [0.3, ORANGE]),
+            ("ShaderNodeRGBCurve", [1.0, (-0.4, 1.7, 2.5, 1)]),
+            ("ShaderNodeRGBCurve", [0.5, (9.0, 20.0, 50.0, 1)]),
+            ("ShaderNodeVectorCurve", [1.0, (0.3, 0.8, -0.6)]),
+            ("ShaderNodeVectorCurve", [0.4, (-1.5, 2.5, 1.5)]),
+            *(("ShaderNodeFloatCurve", [share, value]) for share, value in ((1.0, 0.3), (0.6, 0.3), (1.0, 1.8))),
+        )
+    ),
+    *(
+        (
+            "ShaderNodeVectorRotate",
+            {"rotation_type": kind, "invert": invert},
+            [(0.7, 0.4, 0.3), (0.1, 0.2, -0.4), (1.0, 0.5, -2.0), 0.8, (0.4, -0.2, 1.1)],
+            0,
+        )
+        for kind in ("AXIS_ANGLE", "X_AXIS", "Y_AXIS", "Z_AXIS", "EULER_XYZ")
+        for invert in (False, True)
+    ),
+    ("ShaderNodeVectorRotate", {}, [(0.7, 0.4, 0.3), (0.1, 0.2, 0.0), (0.0, 0.0, 0.0), 0.8], 0),
 ]
 
 
@@ -610,6 +648,11 @@ def value_material(name: str, case):
         node.outputs[0].default_value = 0.7
     elif bl_idname == "ShaderNodeValToRGB":
         node.color_ramp.elements[0].color, node.color_ramp.elements[1].color = (0.9, 0.1, 0.2, 0.5), (0.1, 0.6, 0.8, 1)
+    elif hasattr(node, "mapping"):
+        node.mapping.extend = node.label
+        for i, curve in enumerate(node.mapping.curves):
+            curve.points.new(0.4, 0.5 + 0.1 * i)
+            curve.points[-1].location = 1.2, 0.9
     for i, value in inputs.items() if isinstance(inputs, dict) else enumerate(inputs):
         node.inputs[i].default_value = value
     material.node_tree.links.new(node.outputs[out], emission.inputs["Color"])

@@ -139,6 +139,50 @@ def test_mapping(kind, scale, tmp_path):
     assert export_scene(depsgraph()).warnings == ["camera 'Camera': type pano is not supported, drawn as perspective"]
 
 
+@pytest.mark.parametrize("kind", ["AXIS_ANGLE", "EULER_XYZ"])
+def test_vector_rotate(kind, tmp_path):
+    """Twice, as the order counts."""
+    tree, background = new_world()
+    node = add_environment(tree, background, smooth_image())
+    feed = tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"]
+    for turned in (False, True):
+        turn = tree.nodes.new("ShaderNodeVectorRotate")
+        turn.rotation_type, turn.invert = kind, turned
+        for i, value in ((2, (1, 2, 1 + turned)), (3, 0.7), (4, (0.5, -0.3, 2.0 - turned))):
+            turn.inputs[i].default_value = value
+        tree.links.new(feed, turn.inputs["Vector"])
+        feed = turn.outputs["Vector"]
+    tree.links.new(feed, node.inputs["Vector"])
+    assert_as_in_cycles(tmp_path, 0.03)
+    assert export_scene(depsgraph()).warnings == ["camera 'Camera': type pano is not supported, drawn as perspective"]
+    turn.inputs["Center"].default_value = (0, 0, 1)
+    assert any("Vector Rotate's center" in warning for warning in export_scene(depsgraph()).warnings)
+
+
+def test_curves_change_the_pixels(tmp_path):
+    """Also those beyond 1, which many an HDRI has."""
+    tree, background = new_world()
+    node, curves = add_environment(tree, background, smooth_image()), tree.nodes.new("ShaderNodeRGBCurve")
+    for curve in curves.mapping.curves[1:]:
+        curve.points.new(0.5, 0.3)
+    tree.links.new(node.outputs["Color"], curves.inputs["Color"])
+    tree.links.new(curves.outputs["Color"], background.inputs["Color"])
+    assert_as_in_cycles(tmp_path, 0.02)
+    assert export_scene(depsgraph()).warnings == ["camera 'Camera': type pano is not supported, drawn as perspective"]
+
+
+def test_what_changes_colours_unknown_leaves_the_environment():
+    tree, background = new_world()
+    node, unknown = add_environment(tree, background, smooth_image()), tree.nodes.new("ShaderNodeAmbientOcclusion")
+    add_camera()
+    tree.links.new(node.outputs["Color"], unknown.inputs["Color"])
+    expected = export_scene(depsgraph()).world.image
+    tree.links.new(unknown.outputs["Color"], background.inputs["Color"])
+    exported = export_scene(depsgraph())
+    assert np.array_equal(exported.world.image, expected)
+    assert exported.warnings == ["world 'World': Ambient Occlusion is not supported, its input 'Color' counts as it is"]
+
+
 def test_colour_nodes_change_the_pixels(tmp_path):
     tree, background = new_world()
     node = add_environment(tree, background, smooth_image())

@@ -6,7 +6,15 @@ shader nodes into lobes. Adding a node is one decorated function in a file that 
 
 from __future__ import annotations
 
-from . import nodes_color, nodes_input, nodes_math, shaders_basic, shaders_nearest, shaders_principled  # noqa: F401
+from . import (  # noqa: F401
+    nodes_color,
+    nodes_curves,
+    nodes_input,
+    nodes_math,
+    shaders_basic,
+    shaders_nearest,
+    shaders_principled,
+)
 from .material import MaterialTable
 
 __all__ = ["MaterialTable"]

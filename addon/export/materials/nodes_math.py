@@ -1,4 +1,4 @@
-"""Value nodes that compute with numbers and vectors: Math, Vector Math, Clamp, Map Range, Separate and Combine.
+"""Value nodes that compute with numbers and vectors: Math, Vector Math, Clamp, Map Range, Separate, Combine and turns.
 
 Divisions by zero and roots of negative numbers give 0, as in Cycles (util/math.h, the safe_ functions).
 """
@@ -213,9 +213,8 @@ def stack(*channels: np.ndarray) -> np.ndarray:
 @value_node("ShaderNodeMapping")
 def mapping(evaluator: Evaluator, slot: Slot) -> np.ndarray:
     """Cycles, kernel/svm/mapping_util.h."""
-    names = ("Vector", "Location", "Rotation", "Scale")
-    vector, location, angles, scale = (evaluator.vector(slot.input(name)) for name in names)
-    turn = euler_matrix(angles)
+    vector, location, scale = (evaluator.vector(slot.input(name)) for name in ("Vector", "Location", "Scale"))
+    turn = euler_matrix(evaluator.mean_vector(slot.input("Rotation")))
     kind = slot.node.vector_type
     if kind == "TEXTURE":
         return safe_divide((vector - location) @ turn, scale)
@@ -233,3 +232,32 @@ def euler_matrix(angles: np.ndarray) -> np.ndarray:
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
     return about_z @ about_y @ about_x
+
+
+TURNS_ABOUT = {"X_AXIS": (1.0, 0.0, 0.0), "Y_AXIS": (0.0, 1.0, 0.0), "Z_AXIS": (0.0, 0.0, 1.0)}
+
+
+@value_node("ShaderNodeVectorRotate")
+def vector_rotate(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    """Cycles, kernel/svm/vector_rotate.h."""
+    center = evaluator.vector(slot.input("Center"))
+    return (evaluator.vector(slot.input("Vector")) - center) @ turn_of(evaluator, slot).T + center
+
+
+def turn_of(evaluator: Evaluator, slot: Slot) -> np.ndarray:
+    """(3, 3) that a Vector Rotate node turns by."""
+    node = slot.node
+    if node.rotation_type == "EULER_XYZ":
+        turn = euler_matrix(evaluator.mean_vector(slot.input("Rotation")))
+    else:
+        axis = TURNS_ABOUT.get(node.rotation_type)
+        axis = evaluator.mean_vector(slot.input("Axis")) if axis is None else np.array(axis)
+        turn = axis_matrix(axis, evaluator.number(slot.input("Angle")))
+    return turn.T if node.invert else turn
+
+
+def axis_matrix(axis: np.ndarray, angle: float) -> np.ndarray:
+    """(3, 3) rotation by radians about an axis of any length, by Rodrigues' formula; none about one of length zero."""
+    x, y, z = safe_divide(axis, np.linalg.norm(axis))
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross

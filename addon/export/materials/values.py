@@ -4,7 +4,8 @@ A value is a float64 array whose last axis is its channels: (1,) for a number, (
 (H, W, 3) where an environment image flows through (world.py). Converters are plain functions over such arrays, in
 `VALUE_NODES` by the node's `bl_idname`; adding a node is one function and one line.
 
-Whatever has no converter counts as unplugged: the socket's own value holds, and the material names it.
+Of a node without a converter a colour that is linked into it counts for the one that comes out. Whatever else has none
+counts as unplugged: the socket's own value holds. The material names either.
 """
 
 from __future__ import annotations
@@ -74,6 +75,10 @@ class Evaluator:
     def vector(self, slot: Slot | None) -> np.ndarray:
         return np.zeros(3) if slot is None else as_color(self.value(slot))
 
+    def mean_vector(self, slot: Slot | None) -> np.ndarray:
+        """(3,); an image flowing in counts with its average."""
+        return self.vector(slot).reshape(-1, 3).mean(axis=0)
+
     def value(self, slot: Slot) -> np.ndarray:
         """What an input comes to, in its own number of channels; as it came, for an input that takes a shader."""
         origin, kinds = route(slot)
@@ -95,9 +100,16 @@ class Evaluator:
             return self.texture(self, slot)
         convert = VALUE_NODES.get(node.bl_idname)
         value = convert(self, slot) if convert else None
-        if value is None:
+        return self._unknown(slot) if value is None else value
+
+    def _unknown(self, slot: Slot) -> np.ndarray | None:
+        node = slot.node
+        linked = [socket for socket in node.inputs if socket.is_linked and socket.type == "RGBA"]
+        if slot.socket.type != "RGBA" or not linked:
             self.note(f"{node_label(node)} is not supported and counts as unplugged")
-        return value
+            return None
+        self.note(f"{node_label(node)} is not supported, its input '{linked[0].name}' counts as it is")
+        return self.value(Slot(linked[0], slot.groups))
 
 
 def node_label(node) -> str:
