@@ -21,9 +21,12 @@ from .export import Note, Notes, export_scene, export_settings
 from .export.camera import NO_CAMERA
 from .export.notes import ERROR, WARNING
 from .export.scene import note_scene
-from .faults import is_defect, message_of
+from .faults import blender_message, is_defect, message_of
 from .passes import wanted_passes
 from .render_slots import in_newest_slot
+from .report import nothing_to_see
+
+NO_VIEW_LAYER = "no view layer is rendered: tick Use for Rendering in View Layer properties > View Layer"
 
 
 class _CheckEngine(bpy.types.RenderEngine):
@@ -40,7 +43,7 @@ class _CheckEngine(bpy.types.RenderEngine):
         try:
             scene = export_scene(depsgraph, notes=notes)
             settings = replace(export_settings(depsgraph.scene_eval), passes=wanted_passes(depsgraph.view_layer))
-            for sentence in left_out(settings):
+            for sentence in nothing_to_see(scene, depsgraph) + left_out(settings):
                 notes.warn_scene(sentence)
             settings.validate()
             scene.validate()
@@ -54,10 +57,20 @@ class _CheckEngine(bpy.types.RenderEngine):
         """Nothing."""
 
 
+def nothing_to_begin_with(scene) -> str:
+    """What a scene lacks, so that Blender would begin no render, or begin and end one without asking the engine."""
+    if scene.camera is None:
+        return NO_CAMERA
+    is_shown_anyway = scene.render.use_single_layer and not bpy.app.background  # which Blender has in windows only
+    if not (is_shown_anyway or any(layer.use for layer in scene.view_layers)):
+        return NO_VIEW_LAYER
+    return ""
+
+
 def check(scene) -> list[Note]:
     """What `scene` holds that Lobe does not honour, over all of its view layers."""
-    if scene.camera is None:  # Blender wouldn't begin
-        return [Note(ERROR, "", "", NO_CAMERA)]
+    if missing := nothing_to_begin_with(scene):
+        return [Note(ERROR, "", "", missing)]
     notes = Notes()
     note_scene(scene, notes)
     twin = scene.copy()
@@ -68,7 +81,7 @@ def check(scene) -> list[Note]:
             try:
                 bpy.ops.render.render(scene=twin.name)
             except RuntimeError as error:  # Blender refused to begin
-                return [Note(ERROR, "", "", str(error).strip().removeprefix("Error: "))]
+                return [Note(ERROR, "", "", blender_message(error))]
             return list(dict.fromkeys([*notes.all, *engine.found]))
     finally:
         bpy.data.scenes.remove(twin)

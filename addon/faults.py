@@ -1,4 +1,4 @@
-"""What went wrong, in words for the user: the same after F12, in a check and in a viewport."""
+"""What went wrong, in words for the user: the same after F12, in a check, in a viewport and in the tools."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ from ..engine import LobeError
 def is_defect(error: BaseException) -> bool:
     """Whether it is Lobe that is at fault, so that the console should have the whole of it."""
     return not isinstance(error, LobeError | MemoryError)
+
+
+def blender_message(error: RuntimeError) -> str:
+    """The text of what `bpy.ops` raises, in one line: without its "Error: " and its place in a file of Python."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Location:")]
+    return " ".join(line.removeprefix("Error: ") for line in lines)
 
 
 def message_of(error: BaseException) -> str:

@@ -1,7 +1,7 @@
 """The `Phong BSDF` node group: kd, ks and exponent exactly, for Lobe, and the nearest thing to it in other engines.
 
 The exporter reads the group node's inputs and never looks inside. What stands inside is for Cycles and EEVEE:
-a Diffuse and a Glossy BSDF, the roughness made from the exponent by n = 2 / roughness^4 - 2 (DESIGN.md).
+a Diffuse and a Glossy BSDF, the roughness made from the exponent by n = 2 / roughness^4 - 2 (docs/materials.md).
 """
 
 from __future__ import annotations

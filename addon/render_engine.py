@@ -24,16 +24,13 @@ class LobeRenderEngine(bpy.types.RenderEngine):
     bl_use_eevee_viewport = True
     bl_use_shading_nodes_custom = False
 
-    # Class attributes and no work in __init__: Blender calls that twice for one object (measured in 5.0).
+    # Class attributes and no __init__: Blender calls that twice for one object (measured in 5.0).
     session = None  # made by update() for the render() that follows; None when the export failed
     frame_report = None  # of the view layers rendered so far in this frame
     kept_layers = None  # what is kept for the next frame, where Blender keeps this object for it
     viewport = None  # made by the first callback of a 3D viewport, and by the first one after it was closed
     ends_viewport = None  # its finalizer
     failed = False  # then this frame's other view layers aren't tried: the user has the message
-
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs)
 
     def update_render_passes(self, scene=None, renderlayer=None) -> None:
         with _reporting(self):

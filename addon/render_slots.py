@@ -24,7 +24,7 @@ _newest: _Slot | None = None  # None before the first render
 
 
 def render_result() -> bpy.types.Image | None:
-    """Made by the very first render."""
+    """Made by the very first render. Not by its name, which an image of the user's may have."""
     return next((image for image in bpy.data.images if image.type == "RENDER_RESULT"), None)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ..engine import Result, Scene
+import bpy
+
+from ..engine import Result, Scene, Visibility
 from . import scene_report
 from .export.notes import APPROXIMATED, WARNING, grouped
 from .memory import current_and_peak_mb
@@ -11,6 +13,7 @@ from .scene_report import note_from_sentence
 # The newest finished render, ready for JSON. `tools/render.py` prints it. View layers are summed.
 last_report: dict = {}
 
+GREASE_PENCIL = ("GPENCIL", "GREASEPENCIL")  # the types of its objects, before Blender 4.3 and from then on
 LONG_COMPILE = 5.0  # seconds: a kernel from the disk cache is there before that
 
 REJECTED = (
@@ -61,6 +64,27 @@ def add_layer(report: dict, scene: Scene, result: Result, export_seconds: float,
         ("warnings", result.warnings),
     ):
         report[key] += [s for s in dict.fromkeys(sentences) if s not in report[key]]
+
+
+def nothing_to_see(scene: Scene, depsgraph) -> list[str]:
+    """Why the picture that an evaluated graph was exported for comes out empty or black, where that is certain. Blender
+    puts Grease Pencil over it."""
+    is_lit = any(scene.world.color)
+    if not len(scene.instances):
+        backdrop = is_lit and scene.world.visibility & Visibility.CAMERA and not scene.transparent_film
+        lamps = any(lamp.visibility & Visibility.CAMERA for lamp in scene.lights)
+        if backdrop or lamps or has_grease_pencil(depsgraph):
+            return []
+        return ["there is nothing to render: no object has faces, and no world shows behind them"]
+    if is_lit or scene.lights or any(any(material.emission) for material in scene.materials):
+        return []
+    return ["nothing gives light, so every surface is black: add a lamp, an emission or a world colour"]
+
+
+def has_grease_pencil(depsgraph) -> bool:
+    if not getattr(depsgraph.view_layer, "use_grease_pencil", True):  # from Blender 5.0 on
+        return False
+    return any(isinstance(id_, bpy.types.Object) and id_.type in GREASE_PENCIL for id_ in depsgraph.ids)
 
 
 def publish(report: dict, engine) -> None:

@@ -20,7 +20,7 @@ from .export import ExportStopped, KeptLayers, Notes, export_scene, export_setti
 from .faults import message_of
 from .memory import current_and_peak_mb
 from .passes import fill_passes, wanted_passes
-from .report import add_layer
+from .report import add_layer, nothing_to_see
 
 TICK = 0.05  # seconds between two looks at the worker: the delay of cancel and of progress
 PATIENCE = 0.3  # seconds that a cancelled render is waited for before it is left to end by itself
@@ -66,6 +66,7 @@ class Session:
         kept = layers.of(depsgraph)
         self.prepared = kept.prepared
         self.scene = export_scene(depsgraph, stop=self.cancelled, notes=self.notes, kept=kept)
+        self.scene.warnings += nothing_to_see(self.scene, depsgraph)
         layers.keep(depsgraph, kept)
 
     def render(self, report: dict) -> None:

@@ -10,7 +10,6 @@ import ast
 import contextlib
 import os
 import re
-import resource
 import shutil
 import sys
 import tempfile
@@ -138,19 +137,17 @@ def set_engine(scene, engine: str, as_is: bool = False) -> None:
 
 
 def check_renderable(scene) -> None:
-    """What Blender itself would say in other words, or only after it has run out of memory."""
-    from bl_ext.user_default.lobe.addon.export.camera import NO_CAMERA
+    """What Blender itself would say in other words, or not at all, or only after it has run out of memory."""
+    from bl_ext.user_default.lobe.addon.check import nothing_to_begin_with
+    from bl_ext.user_default.lobe.addon.export.camera import border, resolution
     from bl_ext.user_default.lobe.engine import LobeError, memory
 
-    if scene.camera is None:
-        raise ToolError(NO_CAMERA)
-    render = scene.render
-    width, height = (side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y))
-    area = 1.0
-    if render.use_border:
-        area = (render.border_max_x - render.border_min_x) * (render.border_max_y - render.border_min_y)
+    if missing := nothing_to_begin_with(scene):
+        raise ToolError(missing)
+    width, height = resolution(scene.render)
+    x0, y0, x1, y1 = border(scene.render, width, height) or (0, 0, width, height)
     try:
-        memory.foresee({f"{width} x {height} pixels": int(memory.OF_PIXEL * width * height * area)})
+        memory.foresee({f"{width} x {height} pixels": memory.OF_PIXEL * (x1 - x0) * (y1 - y0)})
     except LobeError as error:
         raise ToolError(str(error)) from error
 
@@ -253,8 +250,9 @@ def _cycles_report(scene, total: float) -> dict:
 
 def _peak_memory_mb() -> float:
     """Of the whole process, Blender included."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / (1024 if sys.platform != "darwin" else 1024 * 1024), 1)
+    from bl_ext.user_default.lobe.addon.memory import current_and_peak_mb
+
+    return round(current_and_peak_mb()[1], 1)
 
 
 def picture(scene, report: dict | None = None) -> np.ndarray:
@@ -267,7 +265,7 @@ def picture(scene, report: dict | None = None) -> np.ndarray:
     try:
         pixels, metadata = pictures.rendered(scene, _temporary_prefix())
     except RuntimeError as error:
-        raise ToolError(str(error)) from error
+        raise ToolError(_blender_message(error)) from error
     if report is not None and report["engine"] == "CYCLES":
         _fill_cycles_times(report, metadata)
     return pixels
@@ -286,13 +284,22 @@ def passes(scene) -> dict[str, np.ndarray]:
     with folder_in_blenders as folder:
         path = str(Path(folder, "passes.exr"))
         with image_settings(scene, "OPEN_EXR_MULTILAYER", "RGBA", "32", exr_codec="NONE", **newer):
-            bpy.data.images["Render Result"].save_render(path, scene=scene)
+            _render_result().save_render(path, scene=scene)
         channels: dict[str, np.ndarray] = {}
         for part in range(oiio.ImageBuf(path).nsubimages):  # one for each pass from Blender 5 on, else one for all
             buffer = oiio.ImageBuf(path, part, 0)
             pixels = np.asarray(buffer.get_pixels(oiio.FLOAT))
             channels |= {name: pixels[..., i] for i, name in enumerate(buffer.spec().channelnames)}
     return {} if len(channels) == 4 else channels
+
+
+def _render_result():
+    from bl_ext.user_default.lobe.addon.render_slots import render_result
+
+    image = render_result()
+    if image is None:
+        raise ToolError("nothing has been rendered")
+    return image
 
 
 def remove_temporary_files() -> None:
@@ -323,15 +330,12 @@ def _fill_cycles_times(report: dict, metadata: dict) -> None:
 
 def save_png(scene, path: Path) -> None:
     """The Render Result through the file's view transform, eight bits; alpha where the film is transparent."""
-    import bpy
     from bl_ext.user_default.lobe.addon.compare.pictures import image_settings
 
     mode = "RGBA" if scene.render.film_transparent else "RGB"
     with image_settings(scene, "PNG", mode, "8"):
         try:
-            bpy.data.images["Render Result"].save_render(
-                str(path.resolve()), scene=scene
-            )  # a bare name is no path to Blender
+            _render_result().save_render(str(path.resolve()), scene=scene)  # a bare name is no path to Blender
         except RuntimeError as error:
             raise ToolError(f"{str(path)!r} cannot be written: {_blender_message(error)}") from error
 
@@ -381,6 +385,6 @@ def quiet_stdout() -> Iterator[Callable[[str], None]]:
 
 
 def _blender_message(error: RuntimeError) -> str:
-    """The text of what bpy.ops raises, without its "Error: " and its Python location."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Location:")]
-    return " ".join(line.removeprefix("Error: ") for line in lines)
+    from bl_ext.user_default.lobe.addon.faults import blender_message
+
+    return blender_message(error)

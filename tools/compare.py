@@ -36,6 +36,11 @@ from tools.render import (  # noqa: E402
 )
 
 PAGE, DATA = "comparison.html", "comparison.json"
+# What a comparison sets anew for each render, and so doesn't list among what it has changed.
+OF_EACH_RENDER = {
+    "scene.render.engine": "a comparison renders with both engines",
+    "scene.cycles.seed": "a comparison gives Cycles seeds of its own, which follow --seed",
+}
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -47,6 +52,9 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.seconds and options.samples is not None:
         parser.error("--seconds and --samples: what is equal is one of the two")
+    for assignment in options.assignments:
+        if why := OF_EACH_RENDER.get(assignment.partition("=")[0].strip()):
+            parser.error(f"--set {assignment!r}: {why}")
     return argparse.Namespace(**vars(options), engine="LOBE", as_is=False, check=False)
 
 

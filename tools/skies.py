@@ -9,13 +9,19 @@ disk adds. All other settings are the texture's defaults. addon/export/sky.py re
 from __future__ import annotations
 
 import math
-import tempfile
+import sys
 from pathlib import Path
 
-import bpy
 import numpy as np
 
-TABLE = Path(__file__).resolve().parent.parent / "addon" / "export" / "skies.npz"
+ROOT = Path(__file__).resolve().parent.parent
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from tools import blender_render as br  # noqa: E402
+from tools.lobe_blender import enable_lobe  # noqa: E402
+
+TABLE = ROOT / "addon" / "export" / "skies.npz"
 WITH_DISK = ("SINGLE_SCATTERING", "MULTIPLE_SCATTERING")
 WITHOUT_DISK = ("PREETHAM", "HOSEK_WILKIE")
 
@@ -31,7 +37,9 @@ ACROSS = 96  # pixels of a square view of the disk
 
 def stage(kind: str):
     """A world of this sky alone and a camera; gives back the sky's node."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    import bpy
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # unlike factory settings keeps the add-on
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
@@ -52,22 +60,19 @@ def stage(kind: str):
 
 def render(width: int, height: int, samples: int) -> np.ndarray:
     """(height, width, 3) scene-linear, row 0 at the bottom."""
+    import bpy
+
     scene = bpy.context.scene
     scene.cycles.samples = samples
-    scene.render.resolution_x, scene.render.resolution_y = width, height
-    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
-    with tempfile.TemporaryDirectory() as folder:
-        scene.render.filepath = f"{folder}/sky.exr"
-        bpy.ops.render.render(write_still=True)
-        image = bpy.data.images.load(scene.render.filepath)
-        pixels = np.empty(4 * width * height, np.float32)
-        image.pixels.foreach_get(pixels)
-        bpy.data.images.remove(image)
-    return pixels.reshape(height, width, 4)[..., :3].astype(np.float64)
+    br.set_resolution(scene, width, height)
+    br.render(scene)
+    return br.picture(scene)[::-1, :, :3].astype(np.float64)
 
 
 def measure(sky, degrees: float) -> tuple[np.ndarray, np.ndarray]:
     """(HEIGHTS, AZIMUTHS, 3) W/(m2 sr) without the disk, and (3,) W/m2 of the disk on a surface that faces it."""
+    import bpy
+
     elevation = math.radians(degrees)
     sky.sun_elevation, sky.sun_rotation, sky.sun_disc = elevation, 0.0, False
     sky.sun_direction = (0.0, math.cos(elevation), math.sin(elevation))
@@ -97,6 +102,7 @@ def at_directions(panorama: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    enable_lobe()  # whose code reads the pictures
     arrays = {"elevations": np.array(ELEVATIONS), "heights": HEIGHTS, "azimuths": AZIMUTHS}
     for kind in WITHOUT_DISK + WITH_DISK:
         sky = stage(kind)

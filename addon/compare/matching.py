@@ -9,6 +9,7 @@ from typing import NamedTuple
 import bpy
 
 from .. import scene_report
+from ..check import nothing_to_begin_with
 from ..export.notes import APPROXIMATED, ERROR, WARNING
 from ..export.unsupported import is_beside_the_picture
 from ..passes import wanted_passes
@@ -44,8 +45,8 @@ def prepare(scene, keeper: Keeper, seconds: float) -> Unmatched:
     """
     if not hasattr(scene, "cycles"):
         raise CompareError("Cycles is not enabled in this Blender: tick 'Cycles Render Engine' in Preferences, Add-ons")
-    if scene.camera is None:
-        raise CompareError("the scene has no camera")
+    if missing := nothing_to_begin_with(scene):
+        raise CompareError(missing)
     lobe, render = scene.lobe, scene.render
     _quiet_viewports(keeper)
     if seconds:
@@ -132,7 +133,7 @@ def _left_out(render) -> list[str]:
 def _linked_objects() -> list[str]:
     """Objects of other files, whose settings can't be changed."""
     names = [
-        obj.name
+        obj.name_full
         for obj in bpy.data.objects
         if obj.library is not None
         and obj.type == "MESH"

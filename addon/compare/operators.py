@@ -10,6 +10,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..check import is_rendering, may_render
+from ..faults import blender_message
 from ..scene_report import redraw_properties
 from . import pictures
 from .headline import headline_of
@@ -67,7 +68,7 @@ def render_now(step: Step, how: str = "EXEC_DEFAULT") -> set[str]:
     try:
         return bpy.ops.render.render(how, scene=step.scene, **layer)
     except RuntimeError as error:
-        raise CompareError(str(error).strip().removeprefix("Error: ")) from error
+        raise CompareError(blender_message(error)) from error
 
 
 class LOBE_OT_compare_with_cycles(bpy.types.Operator):

@@ -10,6 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..render_slots import render_result
+
 GAP = 8  # pixels between the three pictures of the strip
 RANGES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # of the difference map, relative
 OUTSIDE = 0.01  # the share of pixels that may lie beyond the map's range
@@ -50,7 +52,10 @@ def _saved(scene, prefix: str, file_format: str, mode: str, depth: str, **others
     folder_in_blenders = tempfile.TemporaryDirectory(dir=bpy.app.tempdir, prefix=prefix)
     with folder_in_blenders as folder, image_settings(scene, file_format, mode, depth, **others):
         path = str(Path(folder, "picture." + ("png" if file_format == "PNG" else "exr")))
-        bpy.data.images["Render Result"].save_render(path, scene=scene)
+        image = render_result()
+        if image is None:
+            raise RuntimeError("nothing has been rendered")
+        image.save_render(path, scene=scene)
         yield path
 
 

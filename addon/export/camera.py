@@ -50,12 +50,12 @@ def export_camera(scene, notes: Notes) -> Camera:
     if object_.type == "LIGHT":
         return _light_as_camera(object_, transform, scene.render)
     if object_.type != "CAMERA":
-        raise SceneError(f"object {object_.name!r} is the active camera, but is not a camera")
+        raise SceneError(f"object {object_.name_full!r} is the active camera, but is not a camera")
     data = object_.data
     if data.type not in ("PERSP", "ORTHO"):
-        notes.warn("camera", object_.name, f"type {data.type.lower()} is not supported, drawn as perspective")
+        notes.warn("camera", object_.name_full, f"type {data.type.lower()} is not supported, drawn as perspective")
     orthographic = data.type == "ORTHO"
-    return Camera(
+    camera = Camera(
         transform=transform,
         window=camera_window(data, scene.render, orthographic),
         orthographic=orthographic,
@@ -63,6 +63,19 @@ def export_camera(scene, notes: Notes) -> Camera:
         clip_end=data.clip_end,
         aperture=export_aperture(data, transform, orthographic) if data.dof.use_dof else None,
     )
+    if problem := problem_of(camera, scene.render):
+        raise SceneError(f"camera {object_.name_full!r}: {problem}")
+    return camera
+
+
+def problem_of(camera: Camera, render) -> str:
+    """Why nothing can be seen by a camera, in Blender's words; else empty, also where the picture has no pixels."""
+    left, right, bottom, top = camera.window
+    if all(resolution(render)) and (left >= right or bottom >= top):
+        return "its view is empty: check its focal length, sensor size and orthographic scale"
+    if camera.clip_start >= camera.clip_end:
+        return f"its clip start ({camera.clip_start:g} m) must be nearer than its clip end ({camera.clip_end:g} m)"
+    return ""
 
 
 def clear_scale(matrix: np.ndarray) -> np.ndarray:

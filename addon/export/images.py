@@ -134,12 +134,12 @@ class Images:
 
     def _read(self, node, of_file: Callable, of_datablock: Callable) -> np.ndarray | None:
         """What these make of a node's image: of_file(image, path) of its file, which may raise Unreadable, and
-        of_datablock(image) of what Blender has."""
+        of_datablock(image, source) of what Blender has, in whichever datablock."""
         self._stop.check()
         image = node.image
         from_file = is_read_from_file(image)
         if image.source == "TILED" and len(image.tiles) > 1:
-            self._notes.warn("image", image.name, "UDIM tiles are not supported, only the first is read")
+            self._notes.warn("image", image.name_full, "UDIM tiles are not supported, only the first is read")
         path = image_path(image, node.image_user) if from_file else ""
         problem = file_problem(path) if from_file else ""
         found, several = None, False
@@ -149,7 +149,7 @@ class Images:
                 several = has_layers(path)
         if found is None and not problem:
             with read_again(image, path, node.image_user) if from_file else contextlib.nullcontext(image) as source:
-                found = None if source is None else of_datablock(source)
+                found = None if source is None else of_datablock(image, source)
             problem = UNREADABLE if image.source in FILES else "has no pixels"
             if image.original.type == "MULTILAYER":  # as Blender knows once it has tried
                 problem = PACKED_LAYERS
@@ -163,39 +163,39 @@ class Images:
     def _color_of_file(self, image, path: str) -> np.ndarray:
         return self._converted(image, read_file(path), multiplied=True).color
 
-    def _color_of_datablock(self, image) -> np.ndarray | None:
-        pixels = read_datablock(image)
-        return None if pixels is None else self._of_datablock(image, pixels, multiplied=True).color
+    def _color_of_datablock(self, image, source) -> np.ndarray | None:
+        pixels = read_datablock(source)
+        return None if pixels is None else self._of_datablock(image, source, pixels, multiplied=True).color
 
     def mean_of_file(self, image, path: str) -> np.ndarray:
         """As `average` has it. On any thread, with an `image` that has but the properties that tell how to take the
         file's pixels. Raises Unreadable."""
         return mean_color(self._converted(image, strip, multiplied=False) for strip in file_strips(path))
 
-    def _mean_of_datablock(self, image) -> np.ndarray | None:
-        strips = datablock_strips(image)
+    def _mean_of_datablock(self, image, source) -> np.ndarray | None:
+        strips = datablock_strips(source)
         if strips is None:
             return None
-        return mean_color(self._of_datablock(image, strip, multiplied=False) for strip in strips)
+        return mean_color(self._of_datablock(image, source, strip, multiplied=False) for strip in strips)
 
     def _lit_by_file(self, image, path: str) -> np.ndarray:
         return plain_mean(self._converted(image, strip, multiplied=True) for strip in file_strips(path))
 
-    def _lit_by_datablock(self, image) -> np.ndarray | None:
-        strips = datablock_strips(image)
+    def _lit_by_datablock(self, image, source) -> np.ndarray | None:
+        strips = datablock_strips(source)
         if strips is None:
             return None
-        return plain_mean(self._of_datablock(image, strip, multiplied=True) for strip in strips)
+        return plain_mean(self._of_datablock(image, source, strip, multiplied=True) for strip in strips)
 
-    def _of_datablock(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
+    def _of_datablock(self, image, source, pixels: Pixels, multiplied: bool) -> Pixels:
         """Blender has converted float images already."""
-        return pixels if image.is_float else self._converted(image, pixels, multiplied)
+        return pixels if source.is_float else self._converted(image, pixels, multiplied)
 
     def _note_parts(self, image, several: bool) -> None:
         if several:
-            self._notes.warn("image", image.name, LAYERS)
+            self._notes.warn("image", image.name_full, LAYERS)
         elif image.use_multiview:
-            self._notes.warn("image", image.name, STEREO)
+            self._notes.warn("image", image.name_full, STEREO)
 
     def _converted(self, image, pixels: Pixels, multiplied: bool) -> Pixels:
         """Scene-linear. Cycles multiplies sRGB with alpha before it decodes it, bytes as bytes; others afterwards."""
@@ -226,7 +226,7 @@ class Images:
             return srgb_to_linear(color)
         converted = _convert(color, space, self._color_config)
         if converted is None:
-            self._notes.warn("image", image.name, f"colour space '{space}' is not supported, read as sRGB")
+            self._notes.warn("image", image.name_full, f"colour space '{space}' is not supported, read as sRGB")
             return srgb_to_linear(color)
         return converted
 
@@ -366,10 +366,10 @@ def _load(data, image, path: str, frame: int) -> bpy.types.Image | None:
         again = data.images.load(path)
     except RuntimeError:
         return None
-    again.alpha_mode = image.alpha_mode
     tuple(image.size)  # asks Blender to read it: before that a movie has no colour space
     if space := image.colorspace_settings.name:
         again.colorspace_settings.name = space
+    again.alpha_mode = image.alpha_mode
     if again.source == "MOVIE" and again.size[0]:
         again.scale(*again.size, frame=frame)  # to the size that it has: of all that reads, this takes a frame
     return again

@@ -31,8 +31,6 @@ UNSUPPORTED_TYPES = {
     "POINTCLOUD": "point clouds",
     "VOLUME": "volumes",
 }
-# Drawn by Blender itself, over the picture of any engine. The first before Blender 4.3, the second from then on.
-GREASE_PENCIL = ("GPENCIL", "GREASEPENCIL")
 
 VISIBILITY = (
     ("visible_camera", Visibility.CAMERA),
@@ -80,8 +78,6 @@ class Placement:
     kept   meshes of an export before
     shown  whether to draw an evaluated object; None: all
     with_uvs  for the pass
-
-    has_grease_pencil  whether any of it is shown
     """
 
     def __init__(
@@ -91,7 +87,6 @@ class Placement:
         self.meshes: list[Mesh] = []
         self.lamps: list[PlacedLamp] = []
         self._lamp_objects: list[tuple[str, int, Visibility]] = []  # as the first members of a `PlacedLamp`
-        self.has_grease_pencil = False
         self._lights: dict[int, bpy.types.Light] = {}  # by `uid_of`, evaluated
         self._materials = materials
         self._notes = notes
@@ -100,7 +95,6 @@ class Placement:
         self._with_uvs = with_uvs
         self._shown = shown or (lambda _object: True)
         self._view_layer = depsgraph.view_layer
-        self._draws_grease_pencil = getattr(depsgraph.view_layer, "use_grease_pencil", True)  # always before 5.0
         self._viewport = depsgraph.mode == "VIEWPORT"
         self._layer_flags = uses_layer_flags(depsgraph.view_layer.layer_collection)
         self._mesh_index: dict = {}
@@ -124,7 +118,7 @@ class Placement:
             kind = known.get(key)
             if kind is None:
                 known[key] = kind = len(kinds)
-                with naming("object", object_.name):
+                with naming("object", object_.name_full):
                     kinds.append(self._kind(item, object_))
             of_item.append(kind)
 
@@ -167,35 +161,34 @@ class Placement:
         if object_.type == "LIGHT":
             return self._lamp(item, object_)
         if object_.type != "MESH":
-            self.has_grease_pencil |= object_.type in GREASE_PENCIL and self._draws_grease_pencil
             if object_.type in UNSUPPORTED_TYPES:
                 what = UNSUPPORTED_TYPES[object_.type]
-                self._notes.warn("object", object_.name, f"{what} are not supported and left out")
+                self._notes.warn("object", object_.name_full, f"{what} are not supported and left out")
             if object_.type == "LIGHT_PROBE":
-                self._notes.skip("object", object_.name, "light probes are for EEVEE only")
+                self._notes.skip("object", object_.name_full, "light probes are for EEVEE only")
             return NOTHING  # Curves, text and metaballs come again, as instanced meshes.
         if not self._view_layer.use_solid:
-            self._notes.skip("object", object_.name, "the view layer includes no surfaces")
+            self._notes.skip("object", object_.name_full, "the view layer includes no surfaces")
             return NOTHING
         visibility = self._visibility(item, object_)
         if not visibility:
-            self._notes.skip("object", object_.name, "it is hidden from every ray")
+            self._notes.skip("object", object_.name_full, "it is hidden from every ray")
             return NOTHING
         if subdivides_adaptively(object_):
             what = "adaptive subdivision is not supported, subdivided as often as its modifier says"
-            self._notes.warn("object", object_.name, what)
+            self._notes.warn("object", object_.name_full, what)
         mesh = self._mesh(item.instance_object or object_, object_.data, item.parent if item.is_instance else None)
         if mesh < 0:
             return NOTHING
         first_slot, slot_count = self._slots(object_, self._is_holdout(item, object_), self.meshes[mesh])
-        self._object_names.append(object_.name)
+        self._object_names.append(object_.name_full)
         self._pass_index.append(object_.pass_index)
         return Kind(mesh, first_slot, slot_count, int(visibility), len(self._object_names) - 1)
 
     def _lamp(self, item, object_) -> Kind:
         light = uid_of(object_.data)
         self._lights[light] = object_.data
-        self._lamp_objects.append((object_.name, light, self._visibility(item, object_)))
+        self._lamp_objects.append((object_.name_full, light, self._visibility(item, object_)))
         return Kind(lamp=len(self._lamp_objects) - 1)
 
     def _mesh(self, owner, data, parent) -> int:
@@ -204,7 +197,7 @@ class Placement:
             self._stop.check()
             mesh = self._kept.get(data, owner, parent, self._with_uvs, lambda: self._export_mesh(owner, data))
             if mesh is None:
-                self._notes.skip("object", owner.name, "it has no faces")
+                self._notes.skip("object", owner.name_full, "it has no faces")
             else:
                 self.meshes.append(mesh)
             self._mesh_index[data] = -1 if mesh is None else len(self.meshes) - 1
@@ -214,9 +207,9 @@ class Placement:
         """In the viewport a mesh in edit mode is no arrays yet, and a subdivision may be left to the graphics card:
         both become a mesh on demand only."""
         if not self._viewport or owner.data != data or not is_deferred(owner, data):
-            return export_mesh(data, data.name, self._stop, self._with_uvs)
+            return export_mesh(data, data.name_full, self._stop, self._with_uvs)
         try:
-            return export_mesh(owner.to_mesh(), data.name, self._stop, self._with_uvs)
+            return export_mesh(owner.to_mesh(), data.name_full, self._stop, self._with_uvs)
         finally:
             owner.to_mesh_clear()
 
@@ -225,7 +218,7 @@ class Placement:
         materials = [slot.material for slot in object_.material_slots] or list(object_.data.materials) or [None]
         is_drawn = CYCLES_SHINES and self._materials.draws_default(holdout)
         if is_drawn and None in materials and shows_none(mesh, materials):
-            self._notes.approximate("object", object_.name, NO_MATERIAL)
+            self._notes.approximate("object", object_.name_full, NO_MATERIAL)
         slots = tuple(self._materials.index(material, holdout) for material in materials)
         if slots not in self._slot_index:
             self._slot_index[slots] = len(self._slot_table)
@@ -241,9 +234,10 @@ class Placement:
                 if not getattr(owner, name):
                     visibility &= ~bit
             if owner.is_shadow_catcher and owner.type == "MESH":  # Lamps have this flag set by default.
-                self._notes.warn("object", owner.name, "shadow catchers are not supported, drawn as it is")
+                self._notes.warn("object", owner.name_full, "shadow catchers are not supported, drawn as it is")
             if links_light(owner):
-                self._notes.warn("object", owner.name, "light linking is not supported, every lamp lights everything")
+                what = "light linking is not supported, every lamp lights everything"
+                self._notes.warn("object", owner.name_full, what)
             note_object(owner, self._notes)
         if self._is_indirect_only(item, object_):
             visibility &= ~Visibility.CAMERA
@@ -266,7 +260,7 @@ class Placement:
             settings = system.settings
             if settings.type == "HAIR" and settings.render_type == "PATH":
                 what = f"hair of particle system {system.name!r} is not supported and left out"
-                self._notes.warn("object", object_.name, what)
+                self._notes.warn("object", object_.name_full, what)
 
 
 def shading_of(object_) -> tuple:

@@ -65,7 +65,7 @@ class Kept:
             notes.again(self._world.notes)
             return self._world.exported
         self.images.lasting()
-        with notes.recorded() as own, naming("world", shown.name if shown else ""):
+        with notes.recorded() as own, naming("world", shown.name_full if shown else ""):
             exported = export_world(shown, own, self.images, film_transparent)
         self._world = _KeptWorld(of, exported, own.all) if self.images.lasting() else None
         self.images.forget_unused()

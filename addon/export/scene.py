@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import bpy
 
-from ...engine import Mist, Scene, Visibility
+from ...engine import Mist, Scene
 from ..denoise import MISSING, is_missing, print_what_was_tried
 from ..passes import wanted_passes
 from .camera import border, export_camera, resolution
@@ -43,7 +43,7 @@ def export_scene(
     notes = Notes() if notes is None else notes
     kept = Kept() if kept is None else kept
     kept.stop.ask = stop
-    with naming("camera", scene.camera.name if scene.camera else ""):
+    with naming("camera", scene.camera.name_full if scene.camera else ""):
         camera = export_camera(scene, notes)
     materials = kept.table(depsgraph, notes)
     placement = Placement(
@@ -72,23 +72,9 @@ def export_scene(
         mist=export_mist(scene.world),
         occlusion_distance=scene.world.light_settings.distance if scene.world else Scene.occlusion_distance,
     )
-    note_nothing_to_see(exported, placement.has_grease_pencil, notes)
     kept.finish(exported, notes)
     exported.skipped, exported.warnings = notes.skipped, notes.warnings
     return exported
-
-
-def note_nothing_to_see(scene: Scene, has_grease_pencil: bool, notes: Notes) -> None:
-    """Why a picture comes out empty or black, where that is certain. Blender puts Grease Pencil
-    over the picture, and needs none of this for it."""
-    is_lit = any(scene.world.color)
-    if not len(scene.instances):
-        backdrop = is_lit and scene.world.visibility & Visibility.CAMERA and not scene.transparent_film
-        lamps = any(lamp.visibility & Visibility.CAMERA for lamp in scene.lights)
-        if not (backdrop or lamps or has_grease_pencil):
-            notes.warn_scene("there is nothing to render: no object has faces, and no world shows behind them")
-    elif not (is_lit or scene.lights or any(any(material.emission) for material in scene.materials)):
-        notes.warn_scene("nothing gives light, so every surface is black: add a lamp, an emission or a world colour")
 
 
 def export_mist(world) -> Mist:

@@ -53,14 +53,14 @@ def note_object(object_, notes: Notes) -> None:
     """Of a mesh or lamp object, or of what instances it. Called for each of maybe many thousand: a microsecond."""
     if not object_.visible_transmission:
         what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
-        notes.warn("object", object_.name, what)
+        notes.warn("object", object_.name_full, what)
     if not object_.visible_volume_scatter:
-        notes.skip("object", object_.name, "it is hidden from volume scatter, which is not drawn")
+        notes.skip("object", object_.name_full, "it is hidden from volume scatter, which is not drawn")
     cycles = cycles_settings(object_)
     if offsets_terminator(object_, cycles):
-        notes.warn("object", object_.name, "shadow terminator offsets are not supported and left out")
+        notes.warn("object", object_.name_full, "shadow terminator offsets are not supported and left out")
     if cycles is not None and (cycles.is_caustics_caster or cycles.is_caustics_receiver):
-        notes.warn("object", object_.name, CAUSTICS)
+        notes.warn("object", object_.name_full, CAUSTICS)
 
 
 def offsets_terminator(object_, cycles) -> bool:
@@ -91,15 +91,15 @@ def note_light(data, name: str, notes: Notes) -> None:
 def note_world(world, notes: Notes) -> None:
     cycles = cycles_settings(world)
     if getattr(cycles, "max_bounces", CYCLES_BOUNCES) < CYCLES_BOUNCES:
-        notes.warn("world", world.name, OWN_BOUNCES)
+        notes.warn("world", world.name_full, OWN_BOUNCES)
     if getattr(cycles, "is_caustics_light", False):
-        notes.warn("world", world.name, CAUSTICS)
+        notes.warn("world", world.name_full, CAUSTICS)
     visibility = getattr(world, "cycles_visibility", None)
     if not getattr(visibility, "transmission", True):
         what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
-        notes.warn("world", world.name, what)
+        notes.warn("world", world.name_full, what)
     if not getattr(visibility, "scatter", True):
-        notes.skip("world", world.name, "it is hidden from volume scatter, which is not drawn")
+        notes.skip("world", world.name_full, "it is hidden from volume scatter, which is not drawn")
 
 
 def note_material(material, lets_light_through: bool, notes: Notes) -> None:

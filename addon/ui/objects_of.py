@@ -12,7 +12,8 @@ from ..export.notes import Group
 
 SELECTABLE = ("camera", "light", "object", "material", "image")
 
-# What an object is looked up by: ("object", its name), ("material", a name with the library's), ("light", the same).
+# What an object is looked up by: ("object", its name), ("material", a name), ("light", a name). Each with its library:
+# what is linked from another file may have the same name.
 Key = tuple[str, str]
 
 
@@ -24,7 +25,7 @@ def objects_of(view_layer, depsgraph, groups: Sequence[Group]) -> list[list[bpy.
         return [[] for _ in groups]
     found = _direct(view_layer, index, len(groups))
     of_layer = set(view_layer.objects)
-    own = {("object", object_.name) for object_ in of_layer}
+    own = {("object", object_.name_full) for object_ in of_layer}
     for owner, keys in (*_of_collections(view_layer, index), *_of_evaluated(depsgraph, index)):
         for number in _numbers(index, keys - own) if owner in of_layer else ():
             found[number].add(owner)
@@ -56,7 +57,7 @@ def _keys_of_group(group: Group) -> Iterator[Key]:
 
 
 def _keys(object_) -> set[Key]:
-    keys = {("object", object_.name)}
+    keys = {("object", object_.name_full)}
     if object_.type == "LIGHT":
         keys.add(("light", object_.data.name_full))
     slots = [slot.material for slot in object_.material_slots]  # of an evaluated object without those that nodes set
@@ -102,10 +103,10 @@ def _of_evaluated(depsgraph, index) -> Iterator[tuple[bpy.types.Object, set[Key]
 
 
 def _images(tree, seen: frozenset = frozenset()) -> set[str]:
-    """The names of the images in a tree and its groups."""
+    """The names of the images in a tree and its groups, with their libraries'."""
     if tree is None or tree in seen:
         return set()
-    names = {node.image.name for node in tree.nodes if getattr(node, "image", None) is not None}
+    names = {node.image.name_full for node in tree.nodes if getattr(node, "image", None) is not None}
     for node in tree.nodes:
         names |= _images(getattr(node, "node_tree", None), seen | {tree})
     return names

@@ -139,7 +139,7 @@ def test_a_world_that_takes_light_away(scene, refused) -> None:
 
 def test_a_camera_that_sees_nothing(scene, refused) -> None:
     scene.camera.data.clip_start, scene.camera.data.clip_end = 10.0, 1.0
-    assert refused() == "Error: the camera: clip start (10.0 m) must be nearer than clip end (1.0 m)"
+    assert refused() == "Error: camera 'Camera': its clip start (10 m) must be nearer than its clip end (1 m)"
 
 
 # --- rendered, with a word about it -----------------------------------------------------------------------------

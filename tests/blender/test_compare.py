@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.blender.export_checks import new_material
+from tools import blender_render
 from tools.lobe_blender import MODULE
 
 compare = sys.modules[f"{MODULE}.addon.compare"]
@@ -560,3 +561,24 @@ def test_saving_the_page(scene, tmp_path) -> None:
         bpy.ops.lobe.save_comparison(filepath=str(tmp_path / "no" / "page.html"))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert operators.outcome_of(bpy.context.scene) is None
+
+
+def test_an_image_of_the_render_results_name_is_left_alone(scene) -> None:
+    """Blender then calls its own otherwise."""
+    bpy.data.images.new("Render Result", 4, 4)
+    bpy.ops.render.render()
+    assert compare.run.pictures.rendered(scene)[0].shape == (24, 32, 4)
+    assert blender_render.picture(scene).shape == (24, 32, 4)
+    path = Path(bpy.app.tempdir, "mine.png")
+    blender_render.save_png(scene, path)
+    import OpenImageIO as oiio
+
+    assert oiio.ImageBuf(str(path)).spec().width == 32
+    assert blender_render.passes(scene) == {}
+
+
+def test_without_a_view_layer(scene) -> None:
+    bpy.context.view_layer.use = False
+    for render in (bpy.ops.lobe.compare_with_cycles, lambda: blender_render.check_renderable(scene)):
+        with pytest.raises((RuntimeError, blender_render.ToolError), match="no view layer is rendered: tick Use"):
+            render()

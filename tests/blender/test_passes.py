@@ -183,7 +183,8 @@ def test_the_panel_shows_every_box_and_no_other() -> None:
     classes = [cls for cls in sys.modules[f"{MODULE}.addon.ui"]._CLASSES if cls.__name__.startswith("LOBE_VIEWLAYER")]
     panels = [cls for cls in classes if "_passes" in cls.__name__]
     shown = [name for cls in panels for _, name in draw(cls, fake_context())]
-    assert sorted(shown) == sorted({"use_pass_combined", *(kind.box for kind in KINDS.values())})
+    blenders = {"use_pass_combined", "use_pass_grease_pencil"} & set(bpy.types.ViewLayer.bl_rna.properties.keys())
+    assert sorted(shown) == sorted({*blenders, *(kind.box for kind in KINDS.values())})
 
 
 # --- beside Cycles ----------------------------------------------------------------------------------------------------

@@ -171,11 +171,31 @@ def object_of(name: str):
     return lambda: add_object("Thing", getattr(bpy.data, name).new("Thing"))
 
 
+def hair_curves():
+    curves = bpy.data.hair_curves.new("Thing")
+    curves.add_curves([2] * 20)
+    ends = np.zeros((20, 2, 3), np.float32)
+    ends[:, 0, 0] = ends[:, 1, 0] = np.linspace(-3, 3, 20)
+    ends[:, 1, 1:] = 2.0
+    curves.attributes["position"].data.foreach_set("vector", ends.ravel())
+    curves.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", np.full(40, 0.1, np.float32))
+    add_object("Thing", curves)
+
+
+def point_cloud():
+    points = bpy.data.pointclouds.new("Thing")
+    if hasattr(points, "resize"):  # Blender 4.3 on: before, a script can make none
+        points.resize(1)
+        points.attributes["position"].data[0].vector = (0, 0, 3)
+        points.attributes.new("radius", "FLOAT", "POINT").data[0].value = 1.0
+    add_object("Thing", points)
+
+
 # What is in the scene -> (how to make it, a part of what the report says, and at which level).
 NAMED = {
     "volume object": (object_of("volumes"), "volumes are not supported", "WARNING"),
-    "hair curves": (object_of("hair_curves"), "hair curves are not supported", "WARNING"),
-    "point cloud": (object_of("pointclouds"), "point clouds are not supported", "WARNING"),
+    "hair curves": (hair_curves, "hair curves are not supported", "WARNING"),
+    "point cloud": (point_cloud, "point clouds are not supported", "WARNING"),
     "light probe": (lambda: bpy.ops.object.lightprobe_add(type="SPHERE"), "light probes are for EEVEE only", "SKIPPED"),
     "particle hair": (hair, "hair of particle system", "WARNING"),
     "adaptive subdivision": (None, "adaptive subdivision is not supported", "WARNING"),
@@ -378,13 +398,18 @@ def _():
 
 
 @pytest.mark.parametrize("case", NAMED)
-def test_what_is_not_drawn_as_asked_is_named(scene, checked, case) -> None:
+def test_what_is_not_drawn_as_asked_is_named(scene, checked, rendered, case) -> None:
+    """And what is called left out changes nothing in the picture, whoever else might draw it. A material is made with
+    what it leaves out, and changes the picture by itself."""
     make, expected, level = NAMED[case]
-    before = checked()
+    before, picture = checked(), rendered(scene)
     assert texts(before, *LEVELS) == []
     make()
-    found = texts(checked(), level)
+    groups = [group for group in checked() if group.level == level]
+    found = texts(groups, level)
     assert any(expected in text for text in found), found
+    if any((level == "SKIPPED" or "left out" in group.what) and group.kind != "material" for group in groups):
+        assert np.array_equal(rendered(scene), picture)
 
 
 @pytest.mark.parametrize("case", ["passes", "Cycles' passes"])
@@ -681,14 +706,55 @@ def test_the_pictures_in_all_slots_stay_where_a_slot_was_removed(scene, checked)
     ("make", "kind", "text"),
     [
         (lambda: setattr(bpy.context.scene, "camera", None), "", "the scene has no camera"),
+        (lambda: setattr(layer(), "use", False), "", "no view layer is rendered: tick Use for Rendering"),
         (lambda: setattr(lamp(), "energy", -1.0), "light", "negative"),
+        (
+            put(lambda: bpy.data.cameras["Camera"], type="ORTHO", ortho_scale=0.0), "camera",
+            "its view is empty: check its focal length, sensor size and orthographic scale",
+        ),
+        (
+            put(lambda: bpy.data.cameras["Camera"], clip_start=50.0, clip_end=10.0), "camera",
+            "its clip start (50 m) must be nearer than its clip end (10 m)",
+        ),
     ],
-)
-def test_what_cannot_be_rendered(scene, checked, make, kind, text) -> None:
+)  # fmt: skip
+def test_what_cannot_be_rendered(scene, part, checked, make, kind, text) -> None:
+    """What is at fault can be selected."""
     make()
     (group,) = [group for group in checked() if group.level == "ERROR"]
     assert group.kind == kind and text in group.what
-    assert group.names == (("Lamp",) if kind else ())
+    assert group.names == ((kind.replace("light", "lamp").capitalize(),) if kind else ())
+    found = part("ui.objects_of").objects_of(layer(), bpy.context.evaluated_depsgraph_get(), [group])
+    assert [object_.name for object_ in found[0]] == list(group.names)
+    assert not blender_render.check(scene).is_nearly_honoured
+
+
+def test_a_view_layer_alone_is_rendered_in_windows_only(scene, checked) -> None:
+    layer().use = False
+    scene.render.use_single_layer = True
+    assert texts(checked(), "ERROR") == [
+        "no view layer is rendered: tick Use for Rendering in View Layer properties > View Layer"
+    ]
+
+
+def test_objects_of_one_name_are_told_apart(scene, part, checked, tmp_path) -> None:
+    """As those of linked files may be."""
+    for name in ("a", "b"):
+        collection = bpy.data.collections.new(f"From {name}")
+        thing = bpy.data.objects.new("Thing", bpy.data.volumes.new("Volume"))
+        collection.objects.link(thing)
+        bpy.data.libraries.write(str(tmp_path / f"{name}.blend"), {collection})
+        bpy.data.collections.remove(collection)
+        bpy.data.objects.remove(thing)
+    plane().name = "Thing"
+    for name in ("a", "b"):
+        with bpy.data.libraries.load(str(tmp_path / f"{name}.blend"), link=True) as (_, into):
+            into.collections = [f"From {name}"]
+        scene.collection.children.link(into.collections[0])
+    (group,) = checked()
+    assert group.names == ("Thing [a.blend]", "Thing [b.blend]")
+    (found,) = part("ui.objects_of").objects_of(layer(), bpy.context.evaluated_depsgraph_get(), [group])
+    assert {object_.name_full for object_ in found} == set(group.names)
 
 
 def test_a_crash_is_named_and_not_swallowed(scene, part, checked, monkeypatch, capfd) -> None:

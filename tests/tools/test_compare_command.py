@@ -29,6 +29,8 @@ def test_what_cannot_be_done_is_said_in_a_line(repository, tmp_path):
     fails(command(repository, SCENE, "-o", tmp_path, "--seconds", "soon"), "'soon' is not a number of seconds")
     fails(command(repository, SCENE, "-o", tmp_path, "--seconds", "nan"), "nan s does not lie between")
     fails(command(repository, SCENE, "-o", tmp_path, "--seconds", 2, "--samples", 2), "what is equal is one of the two")
+    for setting, why in (("render.engine=CYCLES", "renders with both engines"), ("cycles.seed = 3", "follow --seed")):
+        fails(command(repository, SCENE, "-o", tmp_path, "--set", f"scene.{setting}"), why)
     (tmp_path / "file").write_text("in the way")
     fails(command(repository, SCENE, "-o", tmp_path / "file" / "in"), "cannot be written: ")
     fails(command(repository, SCENE, "-o", tmp_path / "file"), f"{str(tmp_path / 'file')!r} is not a folder")
