@@ -195,7 +195,7 @@ class _Render:
         adaptive = AdaptiveSampling(film, settings.adaptive_threshold) if settings.use_adaptive_sampling else None
         for first, count in schedule(settings.samples, film.samples.size):
             self._one_pass(packed, film, adaptive, first, count)
-            if watch.is_due() and first + count < settings.samples:
+            if first + count < settings.samples:
                 watch.tell(Doing(RENDERING))
             watch.ask()  # a pass may be over before anybody asked
             if (adaptive is not None and adaptive.update()) or time.perf_counter() > watch.deadline:
