@@ -141,7 +141,7 @@ TREE_FOR_GLOSS: Edits = [
     ),
     (KERNELS + "light/tree.py", "@device\ndef _importance_above(", _LOBE),
     (KERNELS + "direct.py", "tables.tree, p, n, vertex.own,", "tables.tree, p, receiver(vertex), vertex.own,"),
-    (KERNELS + "direct.py", "import BLACK, FAR,", "import average, reflect, BLACK, FAR,"),
+    (KERNELS + "direct.py", "vec import (\n    BLACK,\n", "vec import (\n    average,\n    reflect,\n    BLACK,\n"),
     (KERNELS + "direct.py", "@device\ndef unshadowed_light(", _RECEIVER),
     (KERNELS + "staged.py", "from .direct import lit_share", "from .direct import receiver, lit_share"),
     (KERNELS + "staged.py", "    if not is_mixed(f):\n", _KEPT),
@@ -253,7 +253,11 @@ def unshadowed_light(f, tables, vertex, numbers):
 def _candidate(f, tables, vertex, numbers):'''
 ONE_OF_FOUR: Edits = [
     (KERNELS + "direct.py", "@device\ndef unshadowed_light(f, tables, vertex, numbers):", _RESAMPLED),
-    (KERNELS + "direct.py", "import BLACK, FAR,", "import LAST_BELOW_ONE, max_component, BLACK, FAR,"),
+    (
+        KERNELS + "direct.py",
+        "vec import (\n    BLACK,\n",
+        "vec import (\n    LAST_BELOW_ONE,\n    max_component,\n    BLACK,\n",
+    ),
     (KERNELS + "direct.py", "emitters import sample_light", "emitters import LightSample, sample_light"),
     (KERNELS + "direct.py", "records import LIGHT_CHOICE,", "records import PASS, Numbers, LIGHT_CHOICE,"),
     (KERNELS + "direct.py", "from .simd import any_of, select", "from .simd import any_of, select, uint32"),

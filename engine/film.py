@@ -63,6 +63,8 @@ class Film:
             picture[:, :, channel] /= divisor
             if channel < 3:
                 picture[:, :, channel] *= self.exposure
+            else:  # a sample's alpha is right in the mean alone
+                np.clip(picture[:, :, channel], 0.0, 1.0, out=picture[:, :, channel])
         return picture
 
     @contextlib.contextmanager

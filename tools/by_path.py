@@ -87,7 +87,7 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
             _credit_escaped(f, tables, parts, ray, light, bounces.total)
         if not met:
             if f.transparent_film and bounces.total == 0:
-                alpha = max(alpha - average(light.throughput), ZERO)
+                alpha -= average(light.throughput)
             break
         # What the ray met: emission, and perhaps it goes straight on.
         surface = find_surface(
@@ -99,7 +99,7 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
                 _credit_met(parts, light, 0)  # of the lamps before the hole
             through = material_color(tables.geometry, material, TRANSPARENCY)
             behind = dimmed(light, through)
-            alpha = max(alpha - average(light.throughput) + average(behind.throughput), ZERO)
+            alpha -= average(light.throughput) - average(behind.throughput)
             light, passed = behind, passed + 1
             if is_black(through) or passed > MAX_TRANSPARENT:
                 break

@@ -9,7 +9,23 @@ from .bsdf import evaluate
 from .bsdf.diffuse import diffuse_f
 from .embree import intersect, occluded
 from .geom.surface import find_surface, hit_of, offset_origin
-from .geom.vec import BLACK, FAR, HALF, ONE, ZERO, add, add_scaled, dot, is_black, mul, negate, scale, share_of, sub
+from .geom.vec import (
+    BLACK,
+    FAR,
+    HALF,
+    ONE,
+    ZERO,
+    add,
+    add_scaled,
+    dot,
+    is_black,
+    length,
+    mul,
+    negate,
+    scale,
+    share_of,
+    sub,
+)
 from .jit import device
 from .light.emitters import sample_light
 from .mis import sampled_light_weight
@@ -76,11 +92,11 @@ def shadow_segment(vertex, light):
     # The start lies off the surface, so the ray is aimed anew: at a light that is near, t would end behind it.
     near = light.t < FAR
     aimed = sub(add_scaled(vertex.p, light.wi, select(near, light.t, ONE)), vertex.start)
-    return select(near, aimed, light.wi), select(near, _shadow_end(vertex.p, light.t), FAR)
+    return select(near, aimed, light.wi), select(near, shadow_end(vertex.p, light.t), FAR)
 
 
 @device
-def _shadow_end(p, t):
+def shadow_end(p, t):
     """Where, as a part of its length t, a shadow ray from p ends."""
     largest = max(abs(p[0]), max(abs(p[1]), abs(p[2])))
     return ONE - min(SHADOW_GAP + COORDINATE_GAP * largest / t, HALF)
@@ -90,7 +106,7 @@ def _shadow_end(p, t):
 def dimmed_on_way(f, geometry, memory, start, direction, t_far, light):
     """(what of `light` gets through from `start` on, as far as `t_far`, rays traced).
 
-    t_far is infinite, or just below 1 for a `direction` that reaches from `start` to the light.
+    t_far is infinite, or 1 for a `direction` as long as the way, or just below 1 for one that reaches a light.
     """
     accel, ray, words = geometry.accel[0], memory.floats, memory.words
     if not f.transparency:
@@ -106,5 +122,7 @@ def dimmed_on_way(f, geometry, memory, start, direction, t_far, light):
         behind = offset_origin(inside, negate(ng))
         if t_far < FAR:
             direction = sub(add(start, direction), behind)
+        if t_far < ONE:  # on a short rest of the way the same part of it is too short a gap
+            t_far = shadow_end(behind, length(direction))
         start = behind
     return BLACK, MAX_TRANSPARENT

@@ -22,6 +22,7 @@ from .batch import (
     store_front_3,
     stretches_at,
 )
+from .direct import shadow_end
 from .embree import (
     AIM,
     FLAGS,
@@ -48,7 +49,7 @@ from .embree import (
 from .embree import U as HIT_U
 from .embree import V as HIT_V
 from .geom.surface import Hit, find_surface, offset_origin
-from .geom.vec import FAR, ONE, ZERO, add, is_black, mul, negate, sub
+from .geom.vec import FAR, ONE, ZERO, add, is_black, length, mul, negate, sub
 from .jit import AS_WRITTEN, device
 from .met import Notes, gather_listed_lamps, gather_noted_lamps, reach
 from .parts import credit_lit
@@ -251,14 +252,17 @@ def _light_or_dim(f, tables, limits, batch, n, stage):
         _, _, ng, material, _, inside = find_surface(f, geometry, hit, negate(direction))
         brings = mul(load_3(shadows, rows.BRINGS, i), material_color(geometry, material, TRANSPARENCY))
         goes_on, behind = met & no(is_black(brings)), offset_origin(inside, negate(ng))
-        aimed = select(t_far < FAR, sub(add(start, direction), behind), direction)
+        near = t_far < FAR
+        aimed = select(near, sub(add(start, direction), behind), direction)
+        # On a short rest of the way the same part of it would be too short a gap before the light.
+        end = select(near, shadow_end(behind, length(aimed)), FAR)
         words = batch.shadow_words
         store_front(words, rows.TO, live, load(words, rows.TO, i), goes_on)
         if f.light_passes or f.clamp:
             store_front(words, rows.FIRST, live, load(words, rows.FIRST, i), goes_on)
         store_front_3(shadows, rows.FROM, live, behind, goes_on)
         store_front_3(shadows, rows.DIRECTION, live, aimed, goes_on)
-        store_front(shadows, rows.END, live, t_far, goes_on)
+        store_front(shadows, rows.END, live, end, goes_on)
         store_front_3(shadows, rows.BRINGS, live, brings, goes_on)
         live += count(goes_on)
     return live

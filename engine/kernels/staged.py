@@ -60,15 +60,14 @@ from .records import (
 from .sampler.sobol import hash_pixel, start_sample
 from .simd import (
     WIDTH,
+    add_at,
     any_of,
-    at,
     count,
     first_lanes,
     int32,
     lanes,
     load,
     no,
-    put_at,
     select,
     store,
     store_front,
@@ -200,6 +199,8 @@ def _shade(f, tables, limits, batch, n, counters, dimension, stage):
         within, met = first_lanes(n - i), load(batch.hit_words, rows.MET, i) != np.uint32(0)
         path = _path_at(f, limits, batch, i, within, dimension, stage, False)
         _add_escaped(f, tables, batch, path, within & no(met))
+        if finds_lamps_alone(f, limits, stage):
+            continue
         alive = within & met
         if not any_of(alive):
             continue
@@ -224,6 +225,12 @@ def _shade(f, tables, limits, batch, n, counters, dimension, stage):
                 looks += _queue_looks(f, batch, path, vertex, ray, throughput, alive, looks)
             live += _go_on(f, tables, limits, batch, path, surface, vertex, ray, light, throughput, alive, passes, live)
     return live, shadows, looks
+
+
+@device
+def finds_lamps_alone(f, limits, stage):
+    """Whether nothing is to be found on surfaces by the rays of a stage, which then are the last ones."""
+    return not (is_mixed(f) or f.mesh_emitters or f.light_passes) and stage > limits.max_bounces
 
 
 @device
@@ -271,9 +278,8 @@ def _add_escaped(f, tables, batch, path, missed):
 
 @device
 def _uncover(batch, place, much, mask):
-    """Take so much off the samples' alpha."""
-    alpha = at(batch.samples, rows.ALPHA, place) - much
-    put_at(batch.samples, (rows.ALPHA, place), max(alpha, ZERO), mask)
+    """Take so much off the samples' alpha. Of a single sample it may fall below 0: only their mean is the alpha."""
+    add_at(batch.samples, rows.ALPHA, place, -much, mask)
 
 
 @device

@@ -224,6 +224,30 @@ def test_alpha(measure, transparent):
     assert picture.alpha == pytest.approx(0.5 if transparent else 1.0, abs=1e-4)
 
 
+@pytest.mark.parametrize("reflected", [0.0, 0.5])
+def test_alpha_behind_coloured_films(measure, reflected):
+    """Red light passes all of them, the other colours are reflected or absorbed, by chance."""
+    scene = Scene(width=4, height=4, camera=scenes.camera(half_width=0.1), world=World(color=ONE))
+    scene.transparent_film = True
+    scene.materials = [Material("film", kd=(0.0, reflected, reflected), transparency=(1.0, 0.0, 0.0))]
+    for y in (1, 2, 3):
+        scene.add_instance(scenes.quad_mesh((-9, y, -9), (18, 0, 0), (0, 0, 18)))
+    assert measure(scene, samples=1024).alpha == pytest.approx(2 / 3, abs=0.02)
+
+
+@pytest.mark.parametrize(("height", "gap"), [(2.7, 0.01), (3.0, 0.003), (5.3, 0.02)])
+def test_a_clear_pane_just_before_a_light_is_not_seen(measure, height, gap):
+    """However short the rest of a shadow ray's way behind it."""
+    scenes_of = [scenes.plate(Material("grey", kd=(0.5,) * 3)) for _ in range(2)]
+    for scene in scenes_of:
+        scene.materials += [Material("lamp", emission=ONE), Material("pane", transparency=ONE)]
+        scene.add_instance(scenes.quad_mesh((-0.5, -0.5, height), (0, 1, 0), (1, 0, 0)), materials=(1,))
+    scenes_of[1].add_instance(scenes.quad_mesh((-4, -4, height - gap), (8, 0, 0), (0, 8, 0)), materials=(2,))
+    plain, behind = (measure(scene, samples=64, max_bounces=0) for scene in scenes_of)
+    behind.check_same(plain)
+    assert plain.mean[0] > 0.001
+
+
 def test_transparent_film_still_lights(measure):
     scene = scenes.plate(Material("grey", kd=(0.5,) * 3))
     scene.world, scene.transparent_film = World(color=ONE), True
