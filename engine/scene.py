@@ -253,7 +253,11 @@ class Mist:
 @dataclass
 class Scene:
     """All of it. Pixels run over the whole picture; `region` (x0, y0, x1, y1), rows from the bottom, is the part
-    that is rendered, None for all of it. occlusion_distance: metres, as far as the ambient occlusion pass looks."""
+    that is rendered, None for all of it.
+
+    occlusion_distance  metres, as far as the ambient occlusion pass looks
+    alpha_threshold     0 to 1: passes of one value show the first surface that covers so much of what lies behind
+    """
 
     camera: Camera | None = None
     width: int = 512
@@ -268,6 +272,7 @@ class Scene:
     transparent_film: bool = False
     mist: Mist = field(default_factory=Mist)
     occlusion_distance: float = 10.0
+    alpha_threshold: float = 0.5
     skipped: list[str] = field(default_factory=list)  # left out because nothing needs it
     warnings: list[str] = field(default_factory=list)  # what the picture will not show as asked
 

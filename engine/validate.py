@@ -283,6 +283,8 @@ def _check_passes(scene: Scene) -> None:
         raise SceneError(f"the mist's falloff is {mist.falloff}: it must be 0.5, 1 or 2")
     if not (_fits(scene.occlusion_distance) and scene.occlusion_distance >= 0):
         raise SceneError(f"ambient occlusion looks {scene.occlusion_distance} m far: set its distance to 0 or more")
+    if not 0.0 <= scene.alpha_threshold <= 1.0:
+        raise SceneError(f"the passes' alpha threshold is {scene.alpha_threshold}: it must lie between 0 and 1")
 
 
 def _check_material(material: Material) -> None:

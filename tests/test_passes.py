@@ -372,15 +372,17 @@ def test_occlusion_under_a_roof():
     assert np.allclose(free, 1 - covered * (1 - np.array((0.5, 0.25, 0.0))), atol=2e-3)
 
 
-@pytest.mark.parametrize("lets_through", [0.75, 0.25])
-def test_data_behind_a_pane(lets_through):
-    """What has one value is that of the first surface that covers half; means are weighed by what each covers."""
+@pytest.mark.parametrize(
+    ("lets_through", "threshold", "behind"),
+    [(0.75, 0.5, True), (0.25, 0.5, False), (0.75, 0.25, False), (0.75, 0.0, False), (0.25, 0.8, True)],
+)
+def test_data_behind_a_pane(lets_through, threshold, behind):
+    """What has one value is that of the first surface that covers enough; means are weighed by what each covers."""
     scene = scenes.plate(Material("white", kd=(1.0,) * 3, pass_index=1))
     scene.materials.append(Material("pane", kd=(0.1, 0.0, 0.0), transparency=(lets_through,) * 3, pass_index=2))
     scene.add_instance(scenes.quad_mesh((-1, -1, 0.5), (2, 0, 0), (0, 2, 0)), materials=(1,))
-    scene.mist = Mist(0.0, 1.0)
+    scene.mist, scene.alpha_threshold = Mist(0.0, 1.0), threshold
     passes = picture(scene).passes
-    behind = lets_through > 0.5
     assert np.allclose(passes["MATERIAL_INDEX"], 1 if behind else 2)
     assert np.allclose(passes["DEPTH"], 1.0 if behind else 0.5, rtol=1e-5)
     assert np.allclose(passes["DIFFUSE_COLOR"][0, 0], np.array([0.1, 0, 0]) + lets_through, rtol=1e-5)
@@ -485,6 +487,7 @@ def test_the_reference_road_says_that_it_has_none():
         (lambda scene: setattr(scene, "mist", Mist(depth=-1.0)), "mist"),
         (lambda scene: setattr(scene, "mist", Mist(falloff=3.0)), "falloff"),
         (lambda scene: setattr(scene, "occlusion_distance", float("nan")), "occlusion"),
+        (lambda scene: setattr(scene, "alpha_threshold", 1.1), "alpha threshold"),
         (lambda scene: setattr(scene.instances, "pass_index", np.zeros(7, np.int32)), "pass_index"),
         (lambda scene: setattr(scene.meshes[0], "uvs", np.zeros((1, 3, 2), np.float32)), "uvs"),
     ],

@@ -71,6 +71,7 @@ def export_scene(
         transparent_film=render.film_transparent,
         mist=export_mist(scene.world),
         occlusion_distance=scene.world.light_settings.distance if scene.world else Scene.occlusion_distance,
+        alpha_threshold=depsgraph.view_layer.pass_alpha_threshold,
     )
     kept.finish(exported, notes)
     exported.skipped, exported.warnings = notes.skipped, notes.warnings

@@ -35,6 +35,7 @@ class LOBE_VIEWLAYER_PT_passes_data(_Panel, bpy.types.Panel):
         indexes = self.column().column(heading="Indexes", align=True)
         indexes.prop(layer, "use_pass_object_index")
         indexes.prop(layer, "use_pass_material_index")
+        self.column().prop(layer, "pass_alpha_threshold")
         self.column().column(heading="Debug", align=True).prop(layer.lobe, "pass_sample_count")
 
 

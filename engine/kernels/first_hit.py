@@ -3,7 +3,7 @@
 The rays of a pixel's samples are traced once more, so that no kernel that follows paths knows of these passes, and one
 more through the middle of the pixel where a mean would say nothing (the middle of the lens, too). Means go on through
 transparent surfaces, each weighed by what it covers, as in Cycles; what has one value only is that of the first
-surface that covers half or more. Holdouts are nothing there: what they hide is hidden here too.
+surface that covers enough. Holdouts are nothing there: what they hide is hidden here too.
 """
 
 from __future__ import annotations
@@ -55,6 +55,7 @@ from .tables import (
     CAMERA_RAY,
     KD,
     KS,
+    LETS_THROUGH,
     MIST_FALLOFF,
     MIST_PER_METRE,
     MIST_START,
@@ -180,15 +181,14 @@ def _add_sample(f, tables, surfaces, memory, out, columns, pixel_x, pixel_y, pix
         lets_through = material_color(tables.geometry, material, TRANSPARENCY)
         if is_holdout(f, tables.geometry, material):
             covers = BLACK  # a hole hides what is behind it, and shows nothing
-            is_covered = is_covered or average(lets_through) <= HALF
         else:
             covers = sub(WHITE, lets_through)
             _add_surface(f, tables, surfaces, out, columns, surface, through, mul(through, covers))
-        if not is_covered and average(covers) >= HALF:
-            is_covered = True
-            _add_3(out, columns, NORMAL, surface[1])
-            if columns[UV] >= 0:
-                _add_3(out, columns, UV, _uv(surfaces, hit))
+            if not is_covered and _is_shown(surfaces, lets_through):
+                _add_3(out, columns, NORMAL, surface[1])
+                if columns[UV] >= 0:
+                    _add_3(out, columns, UV, _uv(surfaces, hit))
+        is_covered = is_covered or _is_shown(surfaces, lets_through)
         if columns[OCCLUSION] >= 0 and not is_black(covers):
             free, more = _unoccluded(f, tables, surfaces, memory, numbers, surface)
             _add_3(out, columns, OCCLUSION, mul(mul(through, covers), free))
@@ -198,6 +198,12 @@ def _add_sample(f, tables, surfaces, memory, out, columns, pixel_x, pixel_y, pix
         through = mul(through, lets_through)
         stretch = Stretch(offset_origin(surface[5], negate(surface[2])), ZERO, left, ZERO)
     return rays
+
+
+@device
+def _is_shown(surfaces, lets_through):
+    """Whether a surface covers enough for what can't be mixed with anything behind it."""
+    return average(lets_through) <= surfaces.numbers[LETS_THROUGH]
 
 
 @device
@@ -235,9 +241,9 @@ def _look_once(f, tables, surfaces, memory, out, columns, pixel_x, pixel_y):
         t_near, t_far = ZERO, t_far - memory.floats[TFAR]
         surface = find_surface(f, tables.geometry, hit, negate(wi))
         lets_through = material_color(tables.geometry, surface[3], TRANSPARENCY)
-        if average(lets_through) <= HALF and is_holdout(f, tables.geometry, surface[3]):
-            break
-        if average(lets_through) <= HALF:
+        if _is_shown(surfaces, lets_through):
+            if is_holdout(f, tables.geometry, surface[3]):
+                break
             _write(tables, surfaces, out, columns, surface, hit)
             return rays
         start = offset_origin(surface[5], negate(surface[2]))

@@ -44,7 +44,9 @@ SUN_AXIS, SUN_RADIANCE, SUN_ONE_MINUS_COS, SUN_UNSHADOWED, SUN_MASK, SUN_IRRADIA
 WORLD_COLOR, WORLD_MASK, WORLD_IRRADIANCE, WORLD_WORDS = words(0, 3, 4, 8)
 
 # Numbers of `Surfaces`. MOVE_*: a length is stored times FACTOR, and a place is then off by the vector from X on.
-MIST_START, MIST_PER_METRE, MIST_FALLOFF, AO_DISTANCE, MOVE_FACTOR, MOVE_X, SURFACE_NUMBERS = words(0, 1, 2, 3, 4, 5, 8)
+MIST_START, MIST_PER_METRE, MIST_FALLOFF, AO_DISTANCE, MOVE_FACTOR, MOVE_X, LETS_THROUGH, SURFACE_NUMBERS = words(
+    0, 1, 2, 3, 4, 5, 8, 9
+)
 
 
 class Geometry(NamedTuple):
@@ -124,7 +126,7 @@ class Surfaces(NamedTuple):
     material_index  (M,) int32
     uv_row          (T,) int32, of each triangle in `uvs`; -1: its mesh has none
     uvs             (U, 3, 2) float32, of a triangle's corners
-    numbers         (8,) float64, see above. Lengths in the space of the geometry's tables
+    numbers         (9,) float64, see above. Lengths in the space of the geometry's tables
     """
 
     triangle_index: np.ndarray

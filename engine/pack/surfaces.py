@@ -8,6 +8,7 @@ import numpy as np
 
 from ..kernels.tables import (
     AO_DISTANCE,
+    LETS_THROUGH,
     MIST_FALLOFF,
     MIST_PER_METRE,
     MIST_START,
@@ -72,5 +73,6 @@ def _numbers(scene: Scene, move: Move) -> np.ndarray:
     numbers[MIST_PER_METRE] = 1.0 / (mist.depth * move.factor) if mist.depth > 0 else 0.0
     numbers[MIST_FALLOFF] = mist.falloff
     numbers[AO_DISTANCE] = scene.occlusion_distance * move.factor
+    numbers[LETS_THROUGH] = 1.0 - scene.alpha_threshold if scene.alpha_threshold > 0 else np.inf
     numbers[MOVE_FACTOR], numbers[MOVE_X : MOVE_X + 3] = move.factor, move.middle
     return numbers
