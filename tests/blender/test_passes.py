@@ -179,12 +179,18 @@ def test_mist_and_occlusion_are_the_worlds() -> None:
     assert export_scene(depsgraph()).mist == engine.Mist()
 
 
+def test_the_alpha_threshold_is_the_view_layers() -> None:
+    add_camera()
+    bpy.context.view_layer.pass_alpha_threshold = 0.25
+    assert export_scene(depsgraph()).alpha_threshold == 0.25
+
+
 def test_the_panel_shows_every_box_and_no_other() -> None:
     classes = [cls for cls in sys.modules[f"{MODULE}.addon.ui"]._CLASSES if cls.__name__.startswith("LOBE_VIEWLAYER")]
     panels = [cls for cls in classes if "_passes" in cls.__name__]
     shown = [name for cls in panels for _, name in draw(cls, fake_context())]
     blenders = {"use_pass_combined", "use_pass_grease_pencil"} & set(bpy.types.ViewLayer.bl_rna.properties.keys())
-    assert sorted(shown) == sorted({*blenders, *(kind.box for kind in KINDS.values())})
+    assert sorted(shown) == sorted({"pass_alpha_threshold", *blenders, *(kind.box for kind in KINDS.values())})
 
 
 # --- beside Cycles ----------------------------------------------------------------------------------------------------
