@@ -1,7 +1,9 @@
 """Blender's own panels that work with Lobe: those made for any engine, and a few that name EEVEE or Cycles alone. And
-what Blender's menus show with Cycles alone, though Lobe does it too."""
+what Blender's menus show or do with engines that they know alone, though Lobe does it too."""
 
 from __future__ import annotations
+
+import sys
 
 import bpy
 
@@ -60,7 +62,14 @@ def _draw_indirect_only(self, context) -> None:
         self.layout.operator("outliner.collection_indirect_only_clear")
 
 
+def _image_plane_engines() -> set[str]:
+    """The engines for which Blender makes an image into a plane: its operators refuse others when they are invoked.
+    The materials that they make are of nodes that Lobe reads."""
+    return getattr(sys.modules.get("bl_operators.image_as_planes"), "COMPATIBLE_ENGINES", set())
+
+
 def register() -> None:
+    _image_plane_engines().add(ENGINE)
     bpy.types.OUTLINER_MT_collection_view_layer.append(_draw_indirect_only)
     for panel in _all_panels():
         if _wanted(panel):
@@ -69,6 +78,7 @@ def register() -> None:
 
 
 def unregister() -> None:
+    _image_plane_engines().discard(ENGINE)
     bpy.types.OUTLINER_MT_collection_view_layer.remove(_draw_indirect_only)
     while _opted_in:
         _opted_in.pop().COMPAT_ENGINES.discard(ENGINE)

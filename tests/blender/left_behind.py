@@ -17,12 +17,14 @@ def snapshot() -> dict[str, object]:
     menu = bpy.types.NODE_MT_category_shader_shader
     panels = [cls for cls in _subclasses(bpy.types.Panel) if hasattr(cls, "COMPAT_ENGINES")]
     handlers = [getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)]
+    image_planes = sys.modules.get("bl_operators.image_as_planes")
     users_own = bpy.utils.user_resource("SCRIPTS")  # presets that the user has saved stay
     return {
         "types": sorted(name for name in dir(bpy.types) if "lobe" in name.lower()),
         "property": any(hasattr(owner, "lobe") for owner in (bpy.types.Scene, bpy.types.ViewLayer)),
         "panels": sorted({cls.__name__ for cls in panels if "LOBE" in cls.COMPAT_ENGINES and cls.is_registered}),
         "menu": len(getattr(menu.draw, "_draw_funcs", [menu.draw])),
+        "image planes": "LOBE" in getattr(image_planes, "COMPATIBLE_ENGINES", ()),
         "handlers": [len(value) for value in handlers if isinstance(value, list)],
         "engine": any(
             getattr(cls, "bl_idname", "") == "LOBE" and cls.is_registered

@@ -210,6 +210,27 @@ def test_the_outliners_menu_knows_indirect_only(monkeypatch) -> None:
             assert "indirect_only" in name
 
 
+@pytest.mark.parametrize("engine", ["LOBE", "NO_SUCH_ENGINE"])
+@pytest.mark.parametrize("name", ["import_as_mesh_planes", "convert_to_mesh_plane"])
+def test_images_become_planes(name: str, engine: str) -> None:
+    """What the menus call: Blender looks at the engine, and then asks for the operator's options."""
+    operator, asked, said = getattr(bpy.types, f"IMAGE_OT_{name}"), [], []
+    context = SimpleNamespace(
+        scene=SimpleNamespace(render=SimpleNamespace(engine=engine)),
+        window_manager=SimpleNamespace(invoke_props_dialog=asked.append),
+    )
+    operator.invoke(SimpleNamespace(report=lambda *text: said.append(text), invoke_popup=asked.append), context, None)
+    assert (len(asked), len(said)) == ((1, 0) if engine == "LOBE" else (0, 1))
+
+
+@pytest.mark.parametrize("where", ["no module", "no set"])
+def test_blender_without_a_list_of_engines_for_planes(monkeypatch, where: str) -> None:
+    module = types.ModuleType("image_as_planes") if where == "no set" else None
+    monkeypatch.setitem(sys.modules, "bl_operators.image_as_planes", module)
+    compat().unregister()
+    compat().register()
+
+
 def test_another_working_space_can_be_put_back(monkeypatch) -> None:
     """Lobe doesn't support any but the default: with that there is nothing to choose."""
     if not hasattr(bpy.data, "colorspace"):

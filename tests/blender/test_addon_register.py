@@ -47,13 +47,13 @@ def test_enabling_loads_no_compiler() -> None:
 def test_enabling_twenty_times_leaves_nothing_behind(disabled) -> None:
     before = snapshot()
     assert not before["types"] and not before["property"] and not before["panels"] and not before["engine"]
-    assert not before["presets"] and not before["process"]
+    assert not before["presets"] and not before["process"] and not before["image planes"]
     for _ in range(20):
         assert addon_utils.enable(MODULE) is not None
         enabled = snapshot()
         assert enabled["property"] and enabled["engine"] and "LOBE_RENDER_PT_sampling" in enabled["types"]
         assert "EEVEE_MATERIAL_PT_context_material" in enabled["panels"]
-        assert len(enabled["presets"]) == 1
+        assert len(enabled["presets"]) == 1 and enabled["image planes"]
         addon_utils.disable(MODULE)
     assert snapshot() == before
 
