@@ -9,6 +9,7 @@ from . import (
     compat,
     data_panels,
     material_panels,
+    node_panels,
     passes_panels,
     presets,
     render_panels,
@@ -26,6 +27,7 @@ _CLASSES = (
     *data_panels.CLASSES,
     *world_panels.CLASSES,
     *material_panels.CLASSES,
+    *node_panels.CLASSES,
 )
 
 

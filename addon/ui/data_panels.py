@@ -13,32 +13,34 @@ from .panel import LobePanel
 from .text import draw_text
 
 
-class LOBE_LIGHT_PT_preview(LobePanel, bpy.types.Panel):
-    bl_label = "Preview"
+class _LightPanel(LobePanel):
     bl_context = "data"
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context) -> bool:
         return context.light is not None and super().poll(context)
+
+
+class LOBE_LIGHT_PT_preview(_LightPanel, bpy.types.Panel):
+    bl_label = "Preview"
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         self.layout.template_preview(context.light)
 
 
-class LOBE_LIGHT_PT_light(LobePanel, bpy.types.Panel):
+class LOBE_LIGHT_PT_light(_LightPanel, bpy.types.Panel):
     bl_label = "Light"
-    bl_context = "data"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return context.light is not None and super().poll(context)
 
     def draw(self, context):
         light = context.light
-        self.layout.row().prop(light, "type", expand=True)
-        self.layout.separator()
-        column = self.column()
+        if self.bl_space_type == "PROPERTIES":
+            self.layout.row().prop(light, "type", expand=True)
+            self.layout.separator()
+            column = self.column()
+        else:  # four buttons are too wide for a sidebar
+            column = self.column()
+            column.prop(light, "type")
         if getattr(light, "use_temperature", None) is not None:  # Blender 4.5 on
             heading = column.column(align=True, heading="Temperature")
             row = heading.row(align=True)
@@ -82,14 +84,13 @@ def _area(column, light) -> None:
 _SHAPES = {"POINT": _point, "SPOT": _point, "SUN": _sun, "AREA": _area}
 
 
-class LOBE_LIGHT_PT_beam_shape(LobePanel, bpy.types.Panel):
+class LOBE_LIGHT_PT_beam_shape(_LightPanel, bpy.types.Panel):
     bl_label = "Beam Shape"
     bl_parent_id = "LOBE_LIGHT_PT_light"
-    bl_context = "data"
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.light is not None and context.light.type == "SPOT" and super().poll(context)
+        return _LightPanel.poll(context) and context.light.type == "SPOT"
 
     def draw(self, context):
         column = self.column()
@@ -98,14 +99,9 @@ class LOBE_LIGHT_PT_beam_shape(LobePanel, bpy.types.Panel):
         column.prop(context.light, "show_cone")
 
 
-class LOBE_LIGHT_PT_nodes(LobePanel, bpy.types.Panel):
+class LOBE_LIGHT_PT_nodes(_LightPanel, bpy.types.Panel):
     bl_label = "Nodes"
-    bl_context = "data"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return context.light is not None and super().poll(context)
 
     def draw_header(self, context):
         if not always_uses_nodes(context.light):

@@ -80,7 +80,7 @@ class LOBE_WORLD_PT_ray_visibility(_Panel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return hasattr(context.world, "cycles_visibility") and super().poll(context)
+        return hasattr(context.world, "cycles_visibility") and _Panel.poll(context)
 
     def draw(self, context):
         column = self.column()

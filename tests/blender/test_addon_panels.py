@@ -83,7 +83,7 @@ def of_engine(engine: str) -> set[str]:
 def test_blenders_panels_are_those_of_cycles_but_for_these() -> None:
     ui = pytest.importorskip("cycles.ui")
     cycles = {panel.__name__ for panel in ui.get_panels()}
-    lobe = {name for name in of_engine("LOBE") if not name.startswith("LOBE_")}
+    lobe = {name for name in of_engine("LOBE") if not name.startswith(("LOBE_", "NODE_LOBE_"))}
     assert cycles - lobe == set().union(*WITHOUT.values()) & cycles
     assert lobe - cycles == BESIDE
     assert len(cycles) > 100
@@ -179,6 +179,35 @@ def drawn_panels() -> Iterator[tuple[str, set[tuple[str, str]]]]:
             if hasattr(panel, name):
                 getattr(drawn, name)(context)
         yield panel.__name__, drawn.layout.shown
+
+
+# What the shader editor's sidebar shows of a datablock whose nodes are edited: title -> some of the properties.
+SIDEBAR = {
+    "light": {"Light": "type color energy shadow_soft_size use_shadow", "Beam Shape": "spot_size spot_blend show_cone"},
+    "world": {"Ray Visibility": "camera diffuse glossy", "Viewport Display": "color"},
+    "material": {"Settings": "pass_index", "Viewport Display": "diffuse_color metallic roughness"},
+}
+
+
+@pytest.mark.parametrize("kind", SIDEBAR)
+def test_the_shader_editors_sidebar(kind: str) -> None:
+    datablocks = {
+        "light": lambda: bpy.data.lights.new("Lamp", "SPOT"),
+        "world": lambda: bpy.data.worlds.new("World"),
+        "material": lambda: new_material("Material", "ShaderNodeBsdfDiffuse")[0],
+    }
+    context = Context(**{kind: datablocks[kind]()}, space_data=SimpleNamespace(tree_type="ShaderNodeTree"))
+    options = [p for p in compat()._all_panels() if getattr(p, "bl_category", "") == "Options" and p.is_registered]
+    found = {}
+    for panel in options:
+        for_lobe = panel.bl_space_type == "NODE_EDITOR" and "LOBE" in getattr(panel, "COMPAT_ENGINES", {"LOBE"})
+        if for_lobe and panel.poll(context):
+            drawn = Drawn(panel)
+            drawn.draw(context)
+            found[panel.bl_label] = {name for _, name in drawn.layout.shown}
+    assert set(found) == set(SIDEBAR[kind])
+    for title, names in SIDEBAR[kind].items():
+        assert set(names.split()) <= found[title]
 
 
 # These need a window to be drawn: a graphics card, or the context's own path to the datablock.

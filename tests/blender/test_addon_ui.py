@@ -68,7 +68,7 @@ def classes() -> list[type]:
 
 def draw(cls: type, context) -> list[tuple[str, str]]:
     layout = Layout()
-    panel = SimpleNamespace(layout=layout)
+    panel = SimpleNamespace(layout=layout, bl_space_type=cls.bl_space_type)
     panel.column = lambda align=False: layout
     for name in ("draw_header", "draw"):
         if name in cls.__dict__:
