@@ -37,17 +37,19 @@ class LOBE_LIGHT_PT_light(_LightPanel, bpy.types.Panel):
         if self.bl_space_type == "PROPERTIES":
             self.layout.row().prop(light, "type", expand=True)
             self.layout.separator()
-            column = self.column()
+            column = self.column(dots=True)
         else:  # four buttons are too wide for a sidebar
-            column = self.column()
+            column = self.column(dots=True)
             column.prop(light, "type")
         if getattr(light, "use_temperature", None) is not None:  # Blender 4.5 on
             heading = column.column(align=True, heading="Temperature")
             row = heading.row(align=True)
+            row.use_property_decorate = False  # one dot, the temperature's
             row.prop(light, "use_temperature", text="")
             sub = row.row()
             sub.active = light.use_temperature
             sub.prop(light, "temperature", text="")
+            row.prop_decorator(light, "temperature")
         column.prop(light, "color")
         column.prop(light, "energy", text="Strength" if light.type == "SUN" else "Power")
         if hasattr(light, "exposure"):
@@ -93,7 +95,7 @@ class LOBE_LIGHT_PT_beam_shape(_LightPanel, bpy.types.Panel):
         return _LightPanel.poll(context) and context.light.type == "SPOT"
 
     def draw(self, context):
-        column = self.column()
+        column = self.column(dots=True)
         column.prop(context.light, "spot_size", text="Spot Size")
         column.prop(context.light, "spot_blend", text="Blend", slider=True)
         column.prop(context.light, "show_cone")

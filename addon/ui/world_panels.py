@@ -49,10 +49,10 @@ class LOBE_WORLD_PT_mist(_Panel, bpy.types.Panel):
 
     def draw(self, context):
         mist = context.world.mist_settings
-        column = self.column(align=True)
+        column = self.column(align=True, dots=True)
         column.prop(mist, "start")
         column.prop(mist, "depth")
-        self.column().prop(mist, "falloff")
+        self.column(dots=True).prop(mist, "falloff")
 
 
 class LOBE_WORLD_PT_ambient_occlusion(_Panel, bpy.types.Panel):

@@ -226,6 +226,58 @@ def test_what_lobe_honours_can_be_reached(monkeypatch) -> None:
         assert not missing, f"{owner}: {missing}"
 
 
+# --- dots to set keyframes with ---------------------------------------------------------------------------------------
+
+
+class DottedLayout:
+    """Notes of each property, by its name, whether it gets a dot, which layouts take over from the one around them."""
+
+    def __init__(self, around: DottedLayout | None = None) -> None:
+        self.use_property_decorate = around is None or around.use_property_decorate
+        self.dots: dict[str, bool] = {} if around is None else around.dots
+
+    def __getattr__(self, name: str):
+        return lambda *_, **__: DottedLayout(self)
+
+    def prop(self, owner, name: str, *_, **__) -> None:
+        self.dots[name] = self.use_property_decorate
+
+    def prop_decorator(self, owner, name: str) -> None:
+        self.dots[name] = True
+
+
+def dots(panel: type, context: Context) -> dict[str, bool]:
+    if not panel.poll(context):
+        return {}
+    drawn = Drawn(panel)
+    drawn.layout = DottedLayout()
+    drawn.draw(context)
+    return drawn.layout.dots
+
+
+@pytest.mark.parametrize("kind", ["POINT", "SUN", "SPOT", "AREA"])
+def test_lamps_have_dots_where_cycles_has_them(kind: str) -> None:
+    ui = pytest.importorskip("cycles.ui")
+    lamp, shown = bpy.data.lights.new("Lamp", kind), []
+    if hasattr(lamp, "use_temperature"):
+        lamp.use_temperature = True
+    for engine, module in (("CYCLES", ui), ("LOBE", bpy.types)):
+        context = Context(engine=engine, light=lamp, scene=bpy.context.scene)
+        names = (f"{engine}_LIGHT_PT_{part}" for part in ("light", "beam_shape", "settings"))
+        panels = [getattr(module, name) for name in names if hasattr(module, name)]
+        shown.append({name: dot for panel in panels for name, dot in dots(panel, context).items()})
+    cycles, lobe = shown
+    common = set(cycles) & set(lobe) - {"type"}  # buttons in a row have none
+    assert {"color", "energy", "use_shadow"} <= common
+    assert {name: lobe[name] for name in common} == {name: cycles[name] for name in common}
+    assert lobe["energy"] and not lobe.get("use_temperature")
+
+
+def test_mist_has_dots() -> None:
+    context = tabs()["world"]
+    assert dots(bpy.types.LOBE_WORLD_PT_mist, context) == dict.fromkeys(("start", "depth", "falloff"), True)
+
+
 def test_the_outliners_menu_knows_indirect_only(monkeypatch) -> None:
     menu = bpy.types.OUTLINER_MT_collection_view_layer
     hooks = [function for function in menu.draw._draw_funcs if function.__module__ == compat().__name__]

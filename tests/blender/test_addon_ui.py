@@ -35,6 +35,9 @@ class Layout:
 
     def separator(self) -> None: ...
 
+    def prop_decorator(self, owner, name: str) -> None:
+        assert name in owner.bl_rna.properties, f"{owner} has no property {name}"
+
     def label(self, text: str = "", icon: str = "NONE", **_) -> None:
         self.texts.append(text)
         self.icons.append(icon)
@@ -69,7 +72,7 @@ def classes() -> list[type]:
 def draw(cls: type, context) -> list[tuple[str, str]]:
     layout = Layout()
     panel = SimpleNamespace(layout=layout, bl_space_type=cls.bl_space_type)
-    panel.column = lambda align=False: layout
+    panel.column = lambda **_: layout
     for name in ("draw_header", "draw"):
         if name in cls.__dict__:
             getattr(cls, name)(panel, context)
@@ -282,7 +285,7 @@ def test_the_nodes_of_a_lamp(classes) -> None:
 
 def texts(cls: type, context) -> str:
     layout = Layout()
-    panel = SimpleNamespace(layout=layout, column=lambda align=False: layout)
+    panel = SimpleNamespace(layout=layout, column=lambda **_: layout)
     if "draw_header_preset" in cls.__dict__:
         cls.draw_header_preset(panel, context)
     cls.draw(panel, context)
