@@ -192,6 +192,8 @@ TOLD = {
     "road": ("leave it at compiled", "tens of times slower"),
     "denoising_data": (None, "the time of one more ray for each sample"),
     "pass_sample_count": ("how many samples", "takes no time"),
+    "mode": (None, "four renders.*four renders"),
+    "seconds": ("seconds", "preparing the scene comes on top"),
     "kd": ("0 to 1", "costs no time"),
     "ks": ("0 to 1", "takes a little more time"),
     "exponent": ("without unit", "costs no time"),
@@ -200,7 +202,8 @@ TOLD = {
 
 def test_tooltips_tell_unit_and_cost() -> None:
     told = {}
-    for prop in (*bpy.context.scene.lobe.bl_rna.properties, *bpy.context.view_layer.lobe.bl_rna.properties):
+    groups = bpy.context.scene.lobe, bpy.context.view_layer.lobe, bpy.context.window_manager.lobe_compare
+    for prop in (prop for group in groups for prop in group.bl_rna.properties):
         items = (item.description for item in getattr(prop, "enum_items", ()))
         told[prop.identifier] = " ".join([prop.description, *items])
     sockets = sys.modules[f"{MODULE}.addon.phong_group"].phong_group().interface.items_tree
