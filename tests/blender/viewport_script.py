@@ -20,11 +20,12 @@ from mathutils import Quaternion
 sys.path.insert(0, str(Path(__file__).parent))  # where `left_behind` is copied to, too
 SEEN: dict = {"threads": {}, "picture": {}, "milliseconds": {}, "standstill": {}, "exports": {}, "draws": {}}
 PATIENCE = 240.0  # seconds: the first step compiles
+made: list = []  # (time, Picture) of every picture that was rendered
 drawn: list = []  # (time, Picture) of every picture that was new when it was drawn
 draws: list = []  # (Picture, width and height of the region) of every time that Blender drew
 exports: list = []  # a list of instances for each time that all of them were walked
 icons: list = []  # the names of what `Session` rendered as previews
-view_pixels: list[np.ndarray] = []  # of the region as it was drawn last, scene-linear
+looks: list = []  # a function for each time that somebody wants the region's pixels, scene-linear, as drawn next
 
 
 def threads() -> list[str]:
@@ -48,10 +49,15 @@ def shading(kind: str) -> None:
 
 
 def watch_drawing() -> None:
-    """Note every new picture, and the pixels of the region."""
+    """Note every new picture, when it is there and when it is drawn, and the region's pixels for who wants them."""
     from bl_ext.user_default.lobe.addon.draw import Drawing
+    from bl_ext.user_default.lobe.engine import Interactive
 
-    whole = Drawing.draw
+    whole, publish = Drawing.draw, Interactive._publish
+
+    def published(self, picture):
+        made.append((time.perf_counter(), picture))
+        return publish(self, picture)
 
     def draw(self, picture, view):
         new = picture is not self._picture
@@ -59,11 +65,12 @@ def watch_drawing() -> None:
         draws.append((picture, (view.width, view.height)))
         if new:
             drawn.append((time.perf_counter(), picture))
-        buffer = gpu.state.active_framebuffer_get().read_color(0, 0, view.width, view.height, 4, 0, "FLOAT")
-        buffer.dimensions = view.width * view.height * 4  # as numpy takes it otherwise its axes are mixed up
-        view_pixels[:] = [np.array(buffer, np.float32).reshape(view.height, view.width, 4)]
+        if looks:  # it takes the graphics card long
+            buffer = gpu.state.active_framebuffer_get().read_color(0, 0, view.width, view.height, 4, 0, "FLOAT")
+            buffer.dimensions = view.width * view.height * 4  # as numpy takes it otherwise its axes are mixed up
+            looks.pop()(np.array(buffer, np.float32).reshape(view.height, view.width, 4))
 
-    Drawing.draw = draw
+    Drawing.draw, Interactive._publish = draw, published
 
 
 def watch_exports() -> None:
@@ -104,25 +111,35 @@ def finished() -> bool:
 def step(name: str, change):
     """Change something, wait for its first picture and its last, and note what is seen."""
     print("step", name, flush=True)
-    first, first_draw, first_export, begun = len(drawn), len(draws), len(exports), time.perf_counter()
+    first, first_made, first_draw, first_export = len(drawn), len(made), len(draws), len(exports)
+    begun = time.perf_counter()
     change()
-    for area in areas():
-        area.tag_redraw()
+    redraw()
     SEEN["standstill"][name] = yield from until(lambda: len(drawn) > first)
-    SEEN["milliseconds"][name] = 1e3 * (drawn[first][0] - begun)
+    times = {"made": made[first_made][0], "drawn": drawn[first][0]}
+    SEEN["milliseconds"][name] = {what: 1e3 * (when - begun) for what, when in times.items()}
     yield from until(finished)
     yield 0.5  # so that it is drawn, too
     picture = drawn[-1][1]
+    pixels: list[np.ndarray] = []
+    looks.append(pixels.append)
+    redraw()
+    yield from until(lambda: pixels)
     SEEN["picture"][name] = {
         "size": picture.size,
         "region": picture.region,
         "samples": picture.samples,
         "mean": picture.pixels.mean(axis=(0, 1)).tolist(),
-        "seen": view_pixels[0][..., :3].mean(axis=(0, 1)).tolist(),
+        "seen": pixels[0][..., :3].mean(axis=(0, 1)).tolist(),
     }
     SEEN["threads"][name] = threads()
     SEEN["exports"][name] = len(exports) - first_export
     SEEN["draws"][name] = [(old is drawn[first - 1][1] if first else False, size) for old, size in draws[first_draw:]]
+
+
+def redraw() -> None:
+    for area in areas():
+        area.tag_redraw()
 
 
 def make_scene(rings: int) -> None:
@@ -137,14 +154,16 @@ def make_scene(rings: int) -> None:
 
 
 def orbit(name: str, seconds: float):
-    """Turn the view at every tick; how many new pictures there were in a second, and how often Blender drew."""
+    """Turn the view at every tick; how many pictures in a second were rendered, how many drawn, and how often Blender
+    drew at all."""
     view = areas()[0].spaces.active.region_3d
-    first, begun, ticks = len(drawn), time.perf_counter(), 0
+    first, first_made, begun, ticks = len(drawn), len(made), time.perf_counter(), 0
     while time.perf_counter() - begun < seconds:
         view.view_rotation = Quaternion((0, 0, 1), 0.01) @ view.view_rotation
         ticks += 1
         yield 0.01
-    SEEN[name] = {"updates": (len(drawn) - first) / seconds, "ticks": ticks / seconds}
+    counts = {"drawn": len(drawn) - first, "made": len(made) - first_made, "ticks": ticks}
+    SEEN[name] = {what: count / seconds for what, count in counts.items()}
 
 
 def steps():
