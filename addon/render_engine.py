@@ -62,9 +62,11 @@ class LobeRenderEngine(bpy.types.RenderEngine):
         if report is None or failed or self.is_preview:
             return
         with _reporting(self):
+            from .memory import give_back
             from .report import publish
 
             publish(report, self)
+            give_back()
 
     def view_update(self, context, depsgraph) -> None:
         """Blender has evaluated the scene anew, or a viewport has just been switched to Rendered."""
