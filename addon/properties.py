@@ -37,7 +37,7 @@ _CHOICES_TEXT = {
     "COMPILED": ("Compiled", "Compiled kernels on all threads. Use this"),
     "REFERENCE": (
         "Reference",
-        "The same algorithm in plain numpy at double precision: tens of times slower, to check the other one",
+        "The same algorithm in plain numpy at double precision: far slower, to check the other one",
     ),
 }
 

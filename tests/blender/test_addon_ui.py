@@ -189,7 +189,7 @@ TOLD = {
     "lobe_selection": (None, "the noise is not.*less noise"),
     "pixel_filter": (None, "costs no time"),
     "filter_width": ("in pixels", "costs no time"),
-    "road": ("leave it at compiled", "tens of times slower"),
+    "road": ("leave it at compiled", "far slower.*far slower"),
     "denoising_data": (None, "the time of one more ray for each sample"),
     "pass_sample_count": ("how many samples", "takes no time"),
     "mode": (None, "four renders.*four renders"),
