@@ -125,7 +125,7 @@ def steps():
     bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.name.startswith("Suzanne"))
     properties.spaces.active.context = "MATERIAL"
     yield 1.0
-    show("material_panel", 662)
+    show("material_panel", 645)
     add_glass()
     properties.spaces.active.context = "RENDER"
     while not bpy.ops.lobe.check_scene.poll():  # the material's icon is still being rendered
