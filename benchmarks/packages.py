@@ -25,14 +25,14 @@ WHEELS = "wheels/"
 def contents(package: Path, system: str) -> list[dict]:
     """Rows of a zip: of Lobe's own files, of each library, and of the whole."""
     sizes: dict[str, tuple[int, int]] = {}  # bytes in the zip, and installed
-    versions: dict[str, str] = {OWN: "", WHOLE: ""}
+    versions: dict[str, list[str]] = {OWN: [], WHOLE: []}
     pythons: dict[str, list[str]] = {OWN: [], WHOLE: []}
     with zipfile.ZipFile(package) as file:
         for entry in file.infolist():
             part, installed = OWN, entry.file_size
             if entry.filename.startswith(WHEELS) and entry.filename.endswith(".whl"):
                 part, version, python, *_ = Path(entry.filename).name.split("-")
-                versions[part] = version
+                versions.setdefault(part, []).append(version)
                 pythons.setdefault(part, []).append(python)
                 installed = unpacked(file.read(entry))
             packed, before = sizes.get(part, (0, 0))
@@ -43,7 +43,7 @@ def contents(package: Path, system: str) -> list[dict]:
         {
             "system": system,
             "part": part,
-            "version": versions[part],
+            "version": ", ".join(sorted(set(versions[part]))),
             "for Python": ", ".join(sorted(pythons[part])),
             "MB in the zip": f"{packed / 1e6:.1f}",
             "MB installed": f"{installed / 1e6:.1f}",

@@ -115,6 +115,14 @@ def behind_a_pane() -> Scene:
     return scene
 
 
+def behind_a_hole() -> Scene:
+    """The same with the pane as a holdout, behind a pane that isn't, and lamps before and behind both."""
+    scene = behind_a_pane()
+    scene.materials.append(replace(scene.materials[2], name="hole", holdout=True))
+    scene.add_instance(scenes.quad_mesh((-3, -1.5, -1), (6, 0, 0), (0, 0, 6)), materials=(3,))
+    return scene
+
+
 def glossy_sees_less() -> Scene:
     scene = scenes.lamp_room(["area", "sphere"], SIZE)
     scene.lights = [replace(scene.lights[0], visibility=Visibility.ALL & ~Visibility.GLOSSY), *scene.lights[1:]]
@@ -139,6 +147,8 @@ CORNERS: dict[str, tuple[Callable[[], Scene], dict]] = {
     "image": (lambda: scenes.sky_plate(SIZE), {}),
     "unshadowed": (unshadowed, {}),
     "pane": (behind_a_pane, {}),
+    "hole": (behind_a_hole, {}),
+    "hole, clamps": (behind_a_hole, {"clamp_direct": 0.5, "clamp_indirect": 0.1}),
     "kinds of rays": (glossy_sees_less, {}),
     "kinds end apart": (lambda: scenes.phong_plates(SIZE), {"glossy_bounces": 1}),
     "unlike shadows": (hidden_from_shadow_rays, {}),
@@ -160,7 +170,7 @@ def test_parts_add_up_whatever_the_scene_needs(name):
     assert np.allclose(result.pixels, picture(scene, (), **changes).pixels, rtol=1e-5, atol=1e-6)
 
 
-STAGED = ["every lamp", "image", "unshadowed", "pane", "kinds of rays", "kinds end apart", "unlike shadows"]
+STAGED = ["every lamp", "image", "unshadowed", "pane", "hole", "kinds of rays", "kinds end apart", "unlike shadows"]
 
 
 @pytest.mark.parametrize("name", STAGED)

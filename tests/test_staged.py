@@ -23,10 +23,13 @@ from engine.kernels.embree import ray_words
 from engine.kernels.jit import AS_WRITTEN, CACHE_FOLDER
 from engine.kernels.simd import WIDTH
 from engine.pack import pack
+from engine.passes import LIGHT
 from engine.scene import Aperture, Material, Visibility
+from engine.schedule import schedule
 from tools.by_path import by_path
 
 SIZE = 24
+UNEVEN = 20  # samples: in a tile are more than a batch holds, which then ends within those of a pixel
 ROUNDING = 1e-4  # relative, of a pixel
 TURNED = 0.005  # of the pixels: a rounding may turn a decision of a path over. Here it turns none, elsewhere perhaps
 GARBAGE = {"infinite": 0x7F800000, "no number": 0x7FC00000, "minus one": 0xBF800000, "all bits": 0xFFFFFFFF}
@@ -182,12 +185,16 @@ BITS = {
     "uniform hemisphere": (SCENES["cornell"], {"hemisphere_sampling": "UNIFORM"}),
     "rejection": (SCENES["panes"], {"hemisphere_sampling": "REJECTION"}),
     "adaptive": (SCENES["cornell"], ADAPTIVE),
+    "batches that end in pixels": (SCENES["cornell"], {"samples": UNEVEN}),
+    "batches that end in pixels behind panes": (SCENES["unlike shadows"], {"samples": UNEVEN}),
+    "light passes": (SCENES["holes"], {"passes": LIGHT, **CLAMPED}),
 }
 
 
 def assert_same_bits(scene: Scene, changes: dict) -> None:
     one, other = picture(scene, **changes), path_by_path(scene, **changes)
     assert np.array_equal(one.pixels, other.pixels)
+    assert all(np.array_equal(one.passes[name], other.passes[name]) for name in one.passes)
     assert (one.rays, one.samples, one.rejected) == (other.rays, other.samples, 0)
 
 
@@ -247,10 +254,12 @@ def test_narrower_packets_give_the_same_picture(width, tmp_path, repository):
 
 def test_no_bit_depends_on_where_batches_end():
     scene = SCENES["cornell"]()
-    whole = picture(scene).pixels
+    whole = picture(scene, samples=UNEVEN).pixels
     with mock.patch.object(tiles, "TILE_SAMPLES", 200):
-        assert np.array_equal(whole, picture(scene, threads=2).pixels)
-    assert SIZE * SIZE * 8 > 3 * batch.BATCH  # of the longest pass
+        assert np.array_equal(whole, picture(scene, samples=UNEVEN, threads=2).pixels)
+    x0, y0, x1, y1 = next(tiles.tiles_of(scene.render_region, UNEVEN))
+    assert (x1 - x0) * (y1 - y0) * UNEVEN > batch.BATCH and batch.BATCH % UNEVEN
+    assert list(schedule(UNEVEN, scene.width * scene.height)) == [(0, UNEVEN)]
 
 
 @pytest.mark.parametrize("make", [image_with_lamps, hidden_from_some])

@@ -18,7 +18,7 @@ from engine.features import LISTED_LAMPS, TRACED_LAMPS, Features
 from engine.kernels import embree, rows
 from engine.kernels.batch import put_at_3
 from engine.kernels.direct import dimmed_on_way, lit_share, samples_lights, shadow_segment, unshadowed_light
-from engine.kernels.embree import LAMP_COUNT, NOTED_LAMPS, TFAR, aligned_memory, init_ray, intersect, ray_words
+from engine.kernels.embree import LAMP_COUNT, TFAR, aligned_memory, init_ray, intersect, ray_words
 from engine.kernels.film.sums import add_sample
 from engine.kernels.geom.surface import find_surface, hit_of, offset_origin
 from engine.kernels.geom.vec import BLACK, FAR, ONE, ZERO, add, average, dot, is_black, length, mul, negate, scale, sub
@@ -47,7 +47,6 @@ from engine.kernels.records import (
     RayMemory,
     Stretch,
     clamped,
-    dimmed,
     gather,
     material_color,
     without_density,
@@ -159,6 +158,12 @@ def trace_path(f, tables, limits, memory, parts, counters, pixel_x, pixel_y, pix
 
 
 @device
+def dimmed(light, factor):
+    """`light` where of what is found from here on this much arrives."""
+    return Light(light.radiance, mul(light.throughput, factor), light.limit)
+
+
+@device
 def direct_light(f, tables, memory, vertex, numbers, light):
     """(`light` with that of one light sample, what was sampled, rays traced)."""
     sample, found = unshadowed_light(f, tables, vertex, numbers)
@@ -172,7 +177,7 @@ def direct_light(f, tables, memory, vertex, numbers, light):
 @device
 def intersect_noting_lamps(scene, ray, words, origin, direction, t_near, t_far, mask):
     """As `intersect`, and note the lamps before the hit, in no order, and perhaps some behind it: LAMP_COUNT of them
-    from NOTED_LAMPS on."""
+    behind their number."""
     embree._set_ray(ray, words, origin, direction, t_near, t_far, mask)
     words[embree.GEOM_ID] = embree.INVALID
     words[embree.INST_ID] = embree.INVALID
@@ -196,7 +201,7 @@ def follow(f, tables, memory, ray, stretch, light):
     )
     if f.lamp_shapes & TRACED_LAMPS:
         met = intersect_noting_lamps(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)
-        notes = Notes(words, floats, np.int64(NOTED_LAMPS), words[LAMP_COUNT], stretch.t_near, floats[TFAR])
+        notes = Notes(words, floats, np.int64(LAMP_COUNT + 1), words[LAMP_COUNT], stretch.t_near, floats[TFAR])
         light = gather_noted_lamps(f, tables, notes, ray, stretch.start, light)
     else:
         met = intersect(scene, floats, words, stretch.start, ray.wi, stretch.t_near, stretch.t_far, mask)

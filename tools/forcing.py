@@ -56,7 +56,7 @@ def forced(change: Callable[[Features], Features]) -> Iterator[None]:
         yield
 
 
-# What makes paths of one stage differ: see `is_mixed` of engine/kernels/batch.py.
+# Of what `EVERYTHING` switches on, what makes paths of one stage differ: see `is_mixed` of engine/kernels/batch.py.
 MIXED = ("transparency", "ray_kinds")
 
 

@@ -19,6 +19,10 @@ import venv
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+if str(REPOSITORY) not in sys.path:
+    sys.path.insert(0, str(REPOSITORY))
+
+from tools.package import BY_PYTHON  # noqa: E402
 
 # Version of Blender, from which on -> the versions that go with it, instead of those of the requirements.
 NUMPY = {(4, 2): "1.24.3", (4, 4): "1.26.4", (5, 1): "2.3.4"}
@@ -29,8 +33,8 @@ TEST_PACKAGES = ("flip-evaluator", "hypothesis", "matplotlib", "pytest", "scipy"
 
 def requirements(version: str, lines: list[str]) -> list[str]:
     """The pinned requirement `lines`, changed to those that go with this version of Blender."""
-    numpy = since(version, NUMPY)
-    pins = dict(line.split("==") for line in lines if "==" in line)
+    numpy, python = since(version, NUMPY), "{}.{}".format(*since(version, PYTHON))
+    pins = dict(line.split("==") for line in lines if "==" in line) | BY_PYTHON.get(python, {})
     pins.update(bpy=version, numpy=numpy)
     if numpy < "1.25":
         pins.update((name, pin) for name, pin in FOR_OLD_NUMPY.items() if name in pins)

@@ -38,6 +38,8 @@ from tools.lobe_blender import (  # noqa: E402
 
 PACKED = ("embreex", "llvmlite", "numba", "OpenImageIO")
 PYTHONS = ("3.11", "3.13")  # of Blender 4.2 to 5.0, and from 5.1 on (Debian's 4.3 has the newer one, too)
+# Instead of the pinned ones: Blender 5.2's colour spaces need a newer OpenImageIO, which in turn needs numpy 2.
+BY_PYTHON = {"3.13": {"OpenImageIO": "3.1.19.0"}}
 
 # Blender's name of a platform -> the tags of the wheels that run there, the oldest system that Blender supports last.
 PLATFORMS = {
@@ -47,23 +49,23 @@ PLATFORMS = {
 }
 
 
-def pins() -> list[str]:
-    """The packed requirements with their exact versions, from requirements.txt."""
+def pins(python: str) -> list[str]:
+    """The packed requirements with their exact versions for one Python, from requirements.txt and `BY_PYTHON`."""
     lines = (REPOSITORY / "requirements.txt").read_text().splitlines()
-    found = {line.partition("==")[0]: line.strip() for line in lines if "==" in line}
-    return [found[name] for name in PACKED]
+    found = dict(line.split("==") for line in lines if "==" in line) | BY_PYTHON.get(python, {})
+    return [f"{name}=={found[name]}" for name in PACKED]
 
 
 def download(target: str, python: str, folder: Path) -> list[Path]:
     """The wheels for one platform and one Python, from the cache in `folder` where they are there already."""
-    key = hashlib.sha256("\n".join([target, python, *pins()]).encode()).hexdigest()[:12]
+    key = hashlib.sha256("\n".join([target, python, *pins(python)]).encode()).hexdigest()[:12]
     place = folder / f"{target}-{python}-{key}"
     if not place.is_dir():
         with tempfile.TemporaryDirectory(dir=folder) as unfinished:
             tags = [part for tag in PLATFORMS[target] for part in ("--platform", tag)]
             command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps",
                        "--only-binary=:all:", "--python-version", python, "--implementation", "cp", *tags,
-                       "--dest", unfinished, *pins()]  # fmt: skip
+                       "--dest", unfinished, *pins(python)]  # fmt: skip
             if subprocess.run(command).returncode:
                 raise SystemExit(f"no wheels for {target} and Python {python}: pip's message is above")
             os.chmod(unfinished, 0o755)

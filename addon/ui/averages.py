@@ -29,7 +29,7 @@ class Reading(threading.Thread):
         super().__init__(daemon=True)
         self.images, self.key, self.path, self.mean = images, key, path, None
         colors = SimpleNamespace(name=image.colorspace_settings.name, is_data=image.colorspace_settings.is_data)
-        self.image = SimpleNamespace(name=image.name, alpha_mode=image.alpha_mode, colorspace_settings=colors)
+        self.image = SimpleNamespace(name_full=image.name_full, alpha_mode=image.alpha_mode, colorspace_settings=colors)
         self.start()
 
     def run(self) -> None:

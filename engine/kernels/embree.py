@@ -71,7 +71,7 @@ VALID, PACKET_ROWS = 22, 24
 # Behind a single ray first the RTCIntersectArguments: flags, features, the context's address as two words, two
 # callbacks and a float. Then the RTCRayQueryContext: two words, and what callers add: the room for lamps that a ray
 # passes, and for each ray of a packet how many it has passed, and the lamps.
-_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, _LAMP_ROOM, LAMP_COUNT, NOTED_LAMPS = 24, 25, 26, 34, 36, 37, 38
+_ARGUMENTS, _FEATURES, _CONTEXT_ADDRESS, _CONTEXT, _LAMP_ROOM, LAMP_COUNT = 24, 25, 26, 34, 36, 37
 _ALIKE = np.uint32(1 << 16)  # RTC_RAY_QUERY_FLAG_COHERENT
 # Words of a lamp that was noted. LEAVES is 1 where the ray goes out of a sphere, else 0.
 NOTED_GEOM, NOTED_PRIM, NOTED_T, NOTED_LEAVES, NOTED_WORDS = 0, 1, 2, 3, 4

@@ -1,9 +1,9 @@
 """The parts of a sample's light that render passes show apart: what surfaces and the world send straight to the camera,
 and what comes by way of the first vertex's diffuse and glossy lobe, directly or after more bounces.
 
-Nothing here adds light. A kernel adds it up as ever, and now and then says which part the growth since the last time
-belongs to: so the parts of a sample add up to its light, and the picture doesn't depend on them. Only kernels with
-`Features.light_passes` call these functions. `parts` is an array with the rows that `rows` names and a column for each
+Nothing here adds light. The kernel adds it up as ever, and now and then says which part the growth since the last
+time belongs to: so the parts of a sample add up to its light, and the picture doesn't depend on them. These functions
+are called with `Features.light_passes` alone. `parts` is an array with the rows that `rows` names and a column for each
 sample. What comes by way of the first vertex is shared out between its lobes by the value of each, whichever of them
 drew the direction, as Cycles does.
 """

@@ -169,12 +169,6 @@ def without_density(pdf):
 
 
 @device
-def dimmed(light, factor):
-    """`light` where of what is found from here on this much arrives."""
-    return Light(light.radiance, mul(light.throughput, factor), light.limit)
-
-
-@device
 def material_color(geometry, material, word):
     first = to_index(material) * np.uint32(MATERIAL_WORDS) + np.uint32(word)
     red, green, blue, _ = words_at(geometry.materials, first, 4)

@@ -1,4 +1,4 @@
-"""A path's steps at the camera and at its vertices: what both kernels do there, for one path and for sixteen at once.
+"""A path's steps at the camera and at its vertices, for one path and for sixteen at once.
 
 `f` is the scene's `Features`.
 """

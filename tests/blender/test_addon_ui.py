@@ -436,11 +436,26 @@ def test_a_thread_that_averages_asks_blender_for_nothing(textured, monkeypatch) 
         assert module.understood.at_hand(material) is None
         while module._read() is not None:
             module.understood.wait()
-        drawn, remarks = module.understood.at_hand(material)
-        assert not any("read as sRGB" in remark for remark in remarks)
-        shown.append(drawn.kd)
+        shown.append(module.understood.at_hand(material)[0].kd)
     assert len(threads) == 2 and threading.main_thread() not in threads
     assert shown[0] != pytest.approx(shown[1], rel=1e-2)
+
+
+def test_a_thread_that_averages_outlives_a_colour_space_it_cannot_read(textured, monkeypatch) -> None:
+    """An image of that space is read as sRGB, and not once more by Blender."""
+    module = sys.modules[f"{MODULE}.addon.ui.understood"]
+    monkeypatch.setattr(sys.modules[f"{MODULE}.addon.export.images"], "_convert", lambda *arguments: None)
+    material, texture = textured
+    shown = []
+    for space in ("Linear Rec.2020", "sRGB"):
+        texture.image.colorspace_settings.name = space
+        module.understood.forget()
+        assert module.understood.at_hand(material) is None
+        while module._read() is not None:
+            module.understood.wait()
+        shown.append(module.understood.at_hand(material)[0].kd)
+        assert not module.understood._images._by_blender
+    assert shown[0] == shown[1]
 
 
 def test_files_of_images_are_averaged_on_a_thread(classes, textured, tmp_path, monkeypatch) -> None:

@@ -9,6 +9,7 @@ import tomllib
 import pytest
 
 from tools import lobe_blender, other_blender
+from tools.package import BY_PYTHON
 
 needs_owners = pytest.mark.skipif(not hasattr(os, "getuid"), reason="no owners on this system")
 
@@ -55,17 +56,17 @@ def test_a_link_is_refused(temporary):
 
 
 @pytest.mark.parametrize(
-    ("version", "numpy", "scipy", "python"),
+    ("version", "numpy", "scipy", "images", "python"),
     [
-        ("4.2.23", "1.24.3", "1.13.1", (3, 11)),
-        ("4.5.15", "1.26.4", "1.17.1", (3, 11)),
-        ("5.0.1", "1.26.4", "1.17.1", (3, 11)),
-        ("5.2.3", "2.3.4", "1.17.1", (3, 13)),
+        ("4.2.23", "1.24.3", "1.13.1", "3.0.21.0", (3, 11)),
+        ("4.5.15", "1.26.4", "1.17.1", "3.0.21.0", (3, 11)),
+        ("5.0.1", "1.26.4", "1.17.1", "3.0.21.0", (3, 11)),
+        ("5.2.3", "2.3.4", "1.17.1", BY_PYTHON["3.13"]["OpenImageIO"], (3, 13)),
     ],
 )
-def test_packages_of_another_blender(version, numpy, scipy, python):
-    lines = ["# pins", "bpy==5.0.1", "numpy==1.26.4", "tqdm==4.70.1", "scipy==1.17.1"]
-    expected = [f"bpy=={version}", f"numpy=={numpy}", "tqdm==4.70.1", f"scipy=={scipy}"]
+def test_packages_of_another_blender(version, numpy, scipy, images, python):
+    lines = ["# pins", "bpy==5.0.1", "numpy==1.26.4", "OpenImageIO==3.0.21.0", "tqdm==4.70.1", "scipy==1.17.1"]
+    expected = [f"bpy=={version}", f"numpy=={numpy}", f"OpenImageIO=={images}", "tqdm==4.70.1", f"scipy=={scipy}"]
     assert other_blender.requirements(version, lines) == expected
     assert other_blender.since(version, other_blender.PYTHON) == python
 
