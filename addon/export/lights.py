@@ -9,7 +9,8 @@ that emits. Lamps that give no light are left out and listed in `Scene.skipped`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from math import pi
 from typing import NamedTuple
 
@@ -36,44 +37,46 @@ SHEAR = 1e-3  # cosine of the angle between two axes of a lamp from which on it 
 class PlacedLamp(NamedTuple):
     """A lamp object where it stands, with all that is needed to export it again when its datablock has changed.
 
-    light   `uid_of` the datablock
-    matrix  (3, 4) float64
-    lamp    as it was exported; None where it gives no light
+    light       `uid_of` the datablock
+    visibility  bits of `Visibility`
+    matrix      (3, 4) float64
+    lamp        as it was exported; None where it gives no light
     """
 
     name: str
     light: int
-    visibility: Visibility
+    visibility: int
     matrix: np.ndarray
     lamp: Lamp | None = None
 
 
 class LampKind(NamedTuple):
-    """What all placements of a lamp object have in common. color: (3,); strength: see units.py."""
+    """What all lamp objects of a datablock that the same rays see have in common.
 
-    name: str
-    data: bpy.types.Light
-    color: np.ndarray
-    strength: float
+    place  the lamp from what these differ in and what is named below, or None where it gives no light
+    """
+
+    type: str
     visibility: Visibility
+    cast_shadow: bool
+    place: Callable[[dict, Notes], Lamp | None]
 
 
 def export_lamps(
     placed: Iterable[PlacedLamp], lights: Mapping[int, bpy.types.Light], notes: Notes, stop: Stop
 ) -> list[PlacedLamp]:
     """Those whose datablock is one of the evaluated `lights`, by `uid_of`, exported anew; the others as they are."""
-    kinds: dict[tuple[str, int, Visibility], LampKind | None] = {}
+    kinds: dict = {}
     exported = []
     for number, lamp in enumerate(placed):
         if number % ITEMS_A_CHECK == 0:
             stop.check()
-        if lamp.light in lights:
-            with naming("light", lamp.name):
-                key = lamp.name, lamp.light, lamp.visibility
-                if key not in kinds:
-                    kinds[key] = lamp_kind(lamp.name, lights[lamp.light], lamp.visibility, notes)
-                kind = kinds[key]
-                lamp = lamp._replace(lamp=kind and export_light(kind, lamp.matrix, notes))
+        name, light, visibility, matrix, _ = lamp
+        if light in lights:
+            with naming("light", name):
+                find = partial(lamp_kind, name, lights[light], visibility)
+                kind = notes.alike(kinds, (light, visibility), name, find)
+                lamp = PlacedLamp(name, light, visibility, matrix, kind and export_light(kind, name, matrix, notes))
         exported.append(lamp)
     return exported
 
@@ -83,8 +86,8 @@ def lit(placed: Iterable[PlacedLamp]) -> list[Lamp]:
     return [lamp.lamp for lamp in placed if lamp.lamp is not None]
 
 
-def lamp_kind(name: str, data: bpy.types.Light, visibility: Visibility, notes: Notes) -> LampKind | None:
-    """A lamp object of that name, wherever it stands, or None where it gives no light."""
+def lamp_kind(name: str, data: bpy.types.Light, visibility: int, notes: Notes) -> LampKind | None:
+    """A lamp object with this data, wherever it stands, or None where it gives no light. name: of one, for notes."""
     if data.type not in LIGHT_CONVERTERS:
         notes.warn("light", name, f"type {data.type.lower()} is not supported and left out")
         return None
@@ -96,22 +99,20 @@ def lamp_kind(name: str, data: bpy.types.Light, visibility: Visibility, notes: N
     if strength == 0.0 or not color.any():
         notes.skip("light", name, "its strength is zero")
         return None
-    if not int(visibility) & LIGHTING_RAYS:
+    if not visibility & LIGHTING_RAYS:
         notes.skip("light", name, "it is hidden from every ray")
         return None
     note_light(data, name, notes)
-    return LampKind(name, data, color, strength, visibility)
+    place = LIGHT_CONVERTERS[data.type](data, color, strength)
+    return LampKind(data.type, Visibility(visibility), bool(data.use_shadow), place)
 
 
-def export_light(kind: LampKind, matrix: np.ndarray, notes: Notes) -> Lamp | None:
+def export_light(kind: LampKind, name: str, matrix: np.ndarray, notes: Notes) -> Lamp | None:
     """The lamp placed by `matrix` (3, 4) float64, or None where it gives no light there."""
-    data = kind.data
-    if data.type in ("AREA", "SPOT"):
-        _note_shape(data.type, kind.name, matrix[:, :3], notes)
-    common = {
-        "name": kind.name, "transform": matrix, "visibility": kind.visibility, "cast_shadow": bool(data.use_shadow),
-    }  # fmt: skip
-    return LIGHT_CONVERTERS[data.type](data, kind.color, kind.strength, common, notes)
+    if kind.type in ("AREA", "SPOT"):
+        _note_shape(kind.type, name, matrix[:, :3], notes)
+    common = {"name": name, "transform": matrix, "visibility": kind.visibility, "cast_shadow": kind.cast_shadow}
+    return kind.place(common, notes)
 
 
 def _note_shape(kind: str, name: str, axes: np.ndarray, notes: Notes) -> None:
@@ -166,35 +167,43 @@ def _sphere(data, color, strength: float) -> dict:
     }
 
 
-def _point(data, color, strength: float, common: dict, notes: Notes) -> Lamp:
-    return PointLight(**common, **_sphere(data, color, strength))
+def _point(data, color, strength: float) -> Callable[[dict, Notes], Lamp]:
+    sphere = _sphere(data, color, strength)
+    return lambda common, notes: PointLight(**common, **sphere)
 
 
-def _spot(data, color, strength: float, common: dict, notes: Notes) -> Lamp:
-    shape = {"half_angle": min(data.spot_size / 2.0, pi / 2.0), "blend": data.spot_blend}
-    return SpotLight(**common, **_sphere(data, color, strength), **shape)
+def _spot(data, color, strength: float) -> Callable[[dict, Notes], Lamp]:
+    sphere = _sphere(data, color, strength)
+    cone = {"half_angle": min(data.spot_size / 2.0, pi / 2.0), "blend": data.spot_blend}
+    return lambda common, notes: SpotLight(**common, **sphere, **cone)
 
 
-def _sun(data, color, strength: float, common: dict, notes: Notes) -> Lamp:
-    irradiance = units.sun_irradiance(strength, data.angle, normalized(data))
-    return SunLight(**common, irradiance=_rgb(color, irradiance), angle=data.angle)
+def _sun(data, color, strength: float) -> Callable[[dict, Notes], Lamp]:
+    angle = data.angle
+    irradiance = _rgb(color, units.sun_irradiance(strength, angle, normalized(data)))
+    return lambda common, notes: SunLight(**common, irradiance=irradiance, angle=angle)
 
 
-def _area(data, color, strength: float, common: dict, notes: Notes) -> Lamp | None:
+def _area(data, color, strength: float) -> Callable[[dict, Notes], Lamp | None]:
     size_x = data.size
     size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
     ellipse = data.shape in ("DISK", "ELLIPSE")
-    scale_x, scale_y = np.linalg.norm(common["transform"][:, :2], axis=0)
-    area = units.area_of_light(size_x * scale_x, size_y * scale_y, ellipse)
-    if area == 0.0:
-        notes.skip("light", common["name"], "its area is zero")
-        return None
     spread = getattr(data, "spread", pi)
-    if spread <= 0.0:
-        notes.warn("light", common["name"], "a spread of zero is not supported and left out")
-        return None
-    radiance = _rgb(color, units.area_radiance(strength, area, normalized(data)))
-    return AreaLight(**common, radiance=radiance, size_x=size_x, size_y=size_y, ellipse=ellipse, spread=spread)
+    normalize = normalized(data)
+
+    def place(common: dict, notes: Notes) -> Lamp | None:
+        scale_x, scale_y = np.linalg.norm(common["transform"][:, :2], axis=0)
+        area = units.area_of_light(size_x * scale_x, size_y * scale_y, ellipse)
+        if area == 0.0:
+            notes.skip("light", common["name"], "its area is zero")
+            return None
+        if spread <= 0.0:
+            notes.warn("light", common["name"], "a spread of zero is not supported and left out")
+            return None
+        radiance = _rgb(color, units.area_radiance(strength, area, normalize))
+        return AreaLight(**common, radiance=radiance, size_x=size_x, size_y=size_y, ellipse=ellipse, spread=spread)
+
+    return place
 
 
 LIGHT_CONVERTERS = {"POINT": _point, "SPOT": _spot, "SUN": _sun, "AREA": _area}

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from typing import NamedTuple, TypeVar
+
+T = TypeVar("T")
 
 # How much it matters: nothing can be rendered; the picture will not show it as asked; it will nearly; it doesn't change
 # the picture.
@@ -92,6 +94,19 @@ class Notes:
     def again(self, notes: Iterable[Note]) -> None:
         """What an export before has said, and this one does too."""
         self._notes.update(dict.fromkeys(notes))
+
+    def alike(self, known: dict, key: Hashable, name: str, find: Callable[[Notes], T]) -> T:
+        """What `find` gives for the first datablock of that `key`; what it noted of this one is said of each other, by
+        its `name`."""
+        if key not in known:
+            with self.recorded() as own:
+                found = find(own)
+            known[key] = found, own.all
+            return found
+        found, said = known[key]
+        if said:
+            self.again(note._replace(name=name) for note in said)
+        return found
 
     @property
     def all(self) -> list[Note]:

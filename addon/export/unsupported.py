@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import bpy
+
 from ..passes import KINDS
 from .notes import Notes
 from .settings import property_group
 
 CYCLES_BOUNCES = 1024  # Cycles' own limit of a lamp's or world's bounces, and its default: none
 CYCLES_TRANSPARENT = 8  # Cycles' default limit of transparent surfaces, below which a file means it
-CYCLES_TERMINATOR = 0.1  # Cycles' default shadow terminator geometry offset; the engine's is 0
+DEFAULT_OFFSET = 0.1  # Cycles' default shadow terminator geometry offset; the engine's is 0
 CAUSTICS = "shadow caustics are not supported and left out"
 OWN_BOUNCES = "its own limit of bounces is not supported: it lights as far as the scene's bounces go"
 
@@ -37,6 +39,15 @@ EEVEE_LIGHT = {
 }
 
 
+# What `note_object` asks for: the object, and Cycles' settings of it.
+TERMINATOR: tuple[str, ...] = ("shadow_terminator_geometry_offset", "shadow_terminator_shading_offset")
+CYCLES_TERMINATOR: tuple[str, ...] = ()
+if bpy.app.version < (4, 3, 0):
+    TERMINATOR, CYCLES_TERMINATOR = (), ("shadow_terminator_geometry_offset", "shadow_terminator_offset")
+OBJECT_FLAGS = ("visible_transmission", "visible_volume_scatter", *TERMINATOR)
+CYCLES_FLAGS = ("is_caustics_caster", "is_caustics_receiver", *CYCLES_TERMINATOR)
+
+
 def cycles_settings(datablock) -> Any:
     """Cycles' properties of an object, lamp, world or view layer; None where none was ever set, or without Cycles.
 
@@ -49,14 +60,13 @@ def cycles_settings(datablock) -> Any:
         return None
 
 
-def note_object(object_, notes: Notes) -> None:
-    """Of a mesh or lamp object, or of what instances it. Called for each of maybe many thousand: a microsecond."""
+def note_object(object_, cycles, notes: Notes) -> None:
+    """Of a mesh or lamp object, or of what instances it, by `OBJECT_FLAGS` and its `cycles_settings` alone."""
     if not object_.visible_transmission:
         what = "hiding it from transmission rays is not supported: glass is drawn as a clear pane and shows it"
         notes.warn("object", object_.name_full, what)
     if not object_.visible_volume_scatter:
         notes.skip("object", object_.name_full, "it is hidden from volume scatter, which is not drawn")
-    cycles = cycles_settings(object_)
     if offsets_terminator(object_, cycles):
         notes.warn("object", object_.name_full, "shadow terminator offsets are not supported and left out")
     if cycles is not None and (cycles.is_caustics_caster or cycles.is_caustics_receiver):
@@ -65,13 +75,11 @@ def note_object(object_, notes: Notes) -> None:
 
 def offsets_terminator(object_, cycles) -> bool:
     """By more or less than Cycles does unless told. Properties of the object from Blender 4.3 on."""
-    try:
-        geometry, shading = object_.shadow_terminator_geometry_offset, object_.shadow_terminator_shading_offset
-    except AttributeError:
-        if cycles is None:
-            return False
-        geometry, shading = cycles.shadow_terminator_geometry_offset, cycles.shadow_terminator_offset
-    return shading > 0.0 or not (geometry == 0.0 or abs(geometry - CYCLES_TERMINATOR) < 1e-6)
+    owner, names = (object_, TERMINATOR) if TERMINATOR else (cycles, CYCLES_TERMINATOR)
+    if owner is None:
+        return False
+    geometry, shading = (getattr(owner, name) for name in names)
+    return shading > 0.0 or not (geometry == 0.0 or abs(geometry - DEFAULT_OFFSET) < 1e-6)
 
 
 def note_light(data, name: str, notes: Notes) -> None:
