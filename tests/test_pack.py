@@ -10,7 +10,7 @@ import pytest
 import scenes
 
 import engine.pack as packing
-from engine import Material, Scene, SceneError, Settings, SunLight, Visibility, World, render
+from engine import Material, Mesh, Scene, SceneError, Settings, SunLight, Visibility, World, render
 from engine.features import POINT
 from engine.kernels.light.tree import POWER
 from engine.kernels.tables import EXPONENT, SPREAD_NORM
@@ -106,6 +106,23 @@ def test_lights_that_only_the_camera_sees_are_seen_and_not_drawn(count):
     assert not np.any(packed_lights(scene).tree.nodes[:, POWER])
     lit = render(scene, Settings(samples=4, threads=1, pixel_filter="BOX"))
     assert lit.pixels[..., 0] == pytest.approx(3.0 + 2.0 * count, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("triangles", "rectangles", "emitters"), [(1, 0, 1), (2, 1, 1), (3, 1, 2), (4, 2, 2), (5, 2, 3)]
+)
+@pytest.mark.parametrize("strips", [1, 2])
+def test_neighbours_make_rectangles_and_no_triangle_is_in_two(strips, triangles, rectangles, emitters):
+    """Strips of right-angled triangles, each of which makes a rectangle with the one before and the one after."""
+    scene = scenes.plate(Material("white", kd=(1.0, 1.0, 1.0)))
+    scene.materials.append(Material("glow", emission=(3.0, 3.0, 3.0)))
+    corners = np.array([(i // 2, i % 2, 1.0) for i in range(triangles + 2)], np.float32)
+    rows = np.arange(triangles)[:, None] + (0, 1, 2)
+    for strip in range(strips):
+        scene.add_instance(Mesh("strip", corners + np.float32([0, 0, strip]), rows.astype(np.uint32)), materials=(1,))
+    lights = packed_lights(scene)
+    assert len(lights.tables.emitter_triangle) == strips * emitters
+    assert np.count_nonzero(lights.tables.emitter_rectangle.any(axis=1)) == strips * rectangles
 
 
 @pytest.mark.parametrize("spread", [1e-4, 1.9e-3, 2.1e-3, 0.05, 0.099, 0.101, 1.0])

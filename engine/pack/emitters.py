@@ -80,7 +80,7 @@ def _rectangles(geometry: t.Geometry, lit: np.ndarray) -> tuple[np.ndarray, np.n
     """Neighbours in `lit` that make a rectangle: (places of the first of each two, (R, 9) corner and two edges)."""
     slot = geometry.triangle_slot[lit]
     place = np.flatnonzero((lit[1:] == lit[:-1] + 1) & (slot[1:] == slot[:-1]))
-    one, two = geometry.triangles[lit[place]].astype(np.int64), geometry.triangles[lit[place + 1]].astype(np.int64)
+    one, two = geometry.triangles[lit[place]], geometry.triangles[lit[place + 1]]
     shared = _has(two, one)  # corners of the first that the second has too
     quad = shared[:, 0].astype(np.int8) + shared[:, 1] + shared[:, 2] == 2
     place, one, two, shared = place[quad], one[quad], two[quad], shared[quad]
@@ -94,11 +94,11 @@ def _rectangles(geometry: t.Geometry, lit: np.ndarray) -> tuple[np.ndarray, np.n
     size = np.linalg.norm(edge_x, axis=1) + np.linalg.norm(edge_y, axis=1)
     fits = np.linalg.norm(edge_x + edge_y - far, axis=1) < RECTANGLE_TOLERANCE * size
     fits &= np.abs(np.sum(edge_x * edge_y, axis=1)) < RECTANGLE_TOLERANCE * size**2
-    first: list[int] = []  # rows
-    for candidate in np.flatnonzero(fits):
-        if not first or place[candidate] > place[first[-1]] + 1:
-            first.append(int(candidate))
-    chosen = np.array(first, np.int64)
+    # Of a run of neighbours that all fit, each with the next, every other one: none is in two rectangles.
+    candidates = np.flatnonzero(fits)
+    begins = np.flatnonzero(np.diff(place[candidates], prepend=-2) != 1)
+    of_run = np.arange(len(candidates)) - np.repeat(begins, np.diff(begins, append=len(candidates)))
+    chosen = candidates[of_run % 2 == 0]
     return place[chosen], np.concatenate([corner, edge_x, edge_y], axis=1)[chosen].astype(np.float32).reshape(-1, 9)
 
 
