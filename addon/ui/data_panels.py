@@ -80,7 +80,6 @@ def _area(column, light) -> None:
     else:
         sub.prop(light, "size", text="Size X")
         sub.prop(light, "size_y", text="Y")
-    column.prop(light, "spread")
 
 
 _SHAPES = {"POINT": _point, "SPOT": _point, "SUN": _sun, "AREA": _area}
@@ -92,13 +91,16 @@ class LOBE_LIGHT_PT_beam_shape(_LightPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return _LightPanel.poll(context) and context.light.type == "SPOT"
+        return _LightPanel.poll(context) and context.light.type in ("SPOT", "AREA")
 
     def draw(self, context):
-        column = self.column(dots=True)
-        column.prop(context.light, "spot_size", text="Spot Size")
-        column.prop(context.light, "spot_blend", text="Blend", slider=True)
-        column.prop(context.light, "show_cone")
+        light, column = context.light, self.column(dots=True)
+        if light.type == "AREA":
+            column.prop(light, "spread")
+            return
+        column.prop(light, "spot_size", text="Angle" if bpy.app.version >= (5, 0, 0) else "Spot Size")
+        column.prop(light, "spot_blend", text="Blend", slider=True)
+        column.prop(light, "show_cone")
 
 
 class LOBE_LIGHT_PT_nodes(_LightPanel, bpy.types.Panel):

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.skipif(not WITH_WINDOW, reason=NO_WINDOW)
 
 RINGS = 160  # of a ball of some 100,000 triangles
 THREADS = "Lobe viewport"
+MOST_GROWTH = 10.0  # MB
 EDITS = ("moved", "material", "lamp", "hidden", "resized")
 
 
@@ -88,6 +89,14 @@ def test_what_is_exported_again(seen) -> None:
     ]  # fmt: skip
 
 
+def test_no_memory_is_kept_over_a_thousand_edits(seen, record) -> None:
+    """Of transforms, materials, lamps, the world, visibility, settings and the view, in turn."""
+    before, after = seen["memory"]
+    what = "MB more in use after 1,000 edits of all kinds, after the first 200"
+    record("viewport", ("Blender", "what"), {**where(seen), "what": what, "value": f"{after - before:+.1f}"})
+    assert after - before < MOST_GROWTH
+
+
 def test_twenty_times_on_and_off_leaves_nothing(seen) -> None:
     assert seen["enabled"]["property"] and seen["enabled"]["timers"] and seen["enabled"]["presets"]
     assert THREADS in seen["rendering"]["threads"]
@@ -96,11 +105,14 @@ def test_twenty_times_on_and_off_leaves_nothing(seen) -> None:
     assert seen["after"] == seen["before"]
 
 
+def where(seen) -> dict:
+    width, height = seen["picture"]["moved"]["size"]
+    return {"Blender": seen["blender"], "viewport": f"{width} x {height}", "triangles": f"{seen['triangles']:,}"}
+
+
 def test_figures(seen, record) -> None:
     """For the reader, of a window whose pixels may be drawn by the processor: what other work makes of them proves
     nothing."""
-    width, height = seen["picture"]["moved"]["size"]
-    where = {"Blender": seen["blender"], "viewport": f"{width} x {height}", "triangles": f"{seen['triangles']:,}"}
     figures = {
         f"ms from an edit to its first drawn picture: {name}": seen["milliseconds"][name]["drawn"] for name in EDITS
     }
@@ -112,7 +124,7 @@ def test_figures(seen, record) -> None:
     figures["s of the processor for each second at rest"] = seen["idle"]
     assert all(value > 0 for value in figures.values()), "a figure that was never taken"
     for what, value in figures.items():
-        record("viewport", ("Blender", "what"), {**where, "what": what, "value": f"{value:.3g}"})
+        record("viewport", ("Blender", "what"), {**where(seen), "what": what, "value": f"{value:.3g}"})
 
 
 def test_threads_end(seen) -> None:

@@ -20,6 +20,7 @@ from mathutils import Quaternion
 sys.path.insert(0, str(Path(__file__).parent))  # where `left_behind` is copied to, too
 SEEN: dict = {"threads": {}, "picture": {}, "milliseconds": {}, "standstill": {}, "exports": {}, "draws": {}}
 PATIENCE = 240.0  # seconds: the first step compiles
+EDITS = (210, 1008)  # after which memory is measured: multiples of 14, which leave the scene as it was
 made: list = []  # (time, Picture) of every picture that was rendered
 drawn: list = []  # (time, Picture) of every picture that was new when it was drawn
 draws: list = []  # (Picture, width and height of the region) of every time that Blender drew
@@ -166,6 +167,41 @@ def orbit(name: str, seconds: float):
     SEEN[name] = {what: count / seconds for what, count in counts.items()}
 
 
+def edit(number: int) -> None:
+    """One of all kinds that a viewport hears of, in turn, each back and forth."""
+    data, scene, high = bpy.data, bpy.context.scene, (number // 7 + 1) % 2
+    view = areas()[0].spaces.active.region_3d
+    kinds = [
+        lambda: setattr(data.objects["Sphere"], "location", (2.5, 0, 0.5 + 0.1 * high)),
+        lambda: setattr(socket("Material", "Base Color"), "default_value", (1.0, 0.5 * high, 0.0, 1.0)),
+        lambda: setattr(data.lights[0], "energy", 3000.0 + 100.0 * high),
+        lambda: setattr(data.worlds[0].node_tree.nodes["Background"].inputs["Strength"], "default_value", 1 + high),
+        lambda: data.objects["Cube"].hide_set(bool(high)),
+        lambda: setattr(scene.lobe, "max_bounces", 3 + high),
+        lambda: setattr(view, "view_distance", view.view_distance * (1.01 if high else 1 / 1.01)),
+    ]
+    kinds[number % len(kinds)]()
+
+
+def edits(count: int):
+    """Each as soon as the one before is in a picture. How much memory is in use afterwards, in MB."""
+    from bl_ext.user_default.lobe.addon.memory import current_and_peak_mb
+
+    for number in range(count):
+        before = len(made)
+        edit(number)
+        redraw()
+        yield from until(lambda before=before: len(made) > before)
+        for pictures in (made, drawn, draws, exports):  # they would hold every picture
+            del pictures[:-2]
+    yield from until(finished)
+    return current_and_peak_mb()[0]
+
+
+def socket(material: str, name: str):
+    return bpy.data.materials[material].node_tree.nodes["Principled BSDF"].inputs[name]
+
+
 def steps():
     bpy.context.preferences.view.show_splash = False
     make_scene(int(sys.argv[-1]))
@@ -178,8 +214,8 @@ def steps():
     yield from step("moved", lambda: setattr(view, "view_distance", view.view_distance * 0.8))
     yield from orbit("orbit", 3.0)
     yield from until(finished)
-    inputs = data.materials["Material"].node_tree.nodes["Principled BSDF"].inputs
-    yield from step("material", lambda: setattr(inputs["Base Color"], "default_value", (1.0, 0.0, 0.0, 1.0)))
+    red = (1.0, 0.0, 0.0, 1.0)
+    yield from step("material", lambda: setattr(socket("Material", "Base Color"), "default_value", red))
     yield from step("lamp", lambda: setattr(data.lights[0], "energy", 3 * data.lights[0].energy))
     yield from step("hidden", lambda: data.objects["Plane"].hide_set(True))
     yield from step("shown", lambda: data.objects["Plane"].hide_set(False))
@@ -187,11 +223,14 @@ def steps():
     yield from step("camera", lambda: setattr(view, "view_perspective", "CAMERA"))
     yield from step("frame", lambda: setattr(bpy.context.scene.camera.data, "passepartout_alpha", 1.0))
     yield from step("orthographic", lambda: setattr(view, "view_perspective", "ORTHO"))
+    SEEN["memory"] = []
+    for count in EDITS:
+        SEEN["memory"].append((yield from edits(count)))
     yield from step("resized", split)
     begun = time.process_time()
     yield 2.0
     SEEN["idle"] = (time.process_time() - begun) / 2.0
-    bad = data.materials["Material"].node_tree.nodes["Principled BSDF"].inputs["Emission Strength"]
+    bad = socket("Material", "Emission Strength")
     bad.default_value = 1e35
     yield 1.0
     SEEN["problem"] = problems()
