@@ -1,7 +1,7 @@
 """Render the pictures of the documentation: `.venv/bin/python docs/make_pictures.py [NAME]...`
 
-Small, and with many samples, because noise is what makes a PNG large. They end up in docs/images/. The lamps' mirror
-images throw caustics, which are specks for long: there indirect light is clamped.
+Small, and with many samples, because noise is what makes a PNG large. They end up in docs/images/. Mirrors throw
+caustics, which are specks for long: there indirect light is clamped.
 """
 
 from __future__ import annotations
@@ -9,7 +9,9 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 import OpenImageIO as oiio
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -17,18 +19,23 @@ LIMIT = 150_000  # bytes of a picture
 
 # Scene -> options of tools/render.py.
 PICTURES = {
-    "plates_phong": "--resolution 384x256 --samples 512",
-    "cornell_diffuse": "--resolution 256x256 --samples 512",
-    "lamps": "--resolution 300x200 --samples 512 --set scene.lobe.clamp_indirect=1",
-    "world": "--resolution 300x200 --samples 512",
+    "plates_phong": "--resolution 384x256 --samples 1024 --set scene.lobe.clamp_indirect=1",
+    "cornell_diffuse": "--resolution 256x256 --samples 512 --set scene.view_settings.exposure=1",
+    "lamps": "--resolution 300x200 --samples 2048 --set scene.lobe.clamp_indirect=1",
+    "world": "--resolution 300x200 --samples 1024 --set scene.lobe.clamp_indirect=1",
     "instances": "--resolution 300x200 --samples 256",
-    "many_lights": "--resolution 300x200 --samples 1024",
+    "many_lights": "--resolution 300x200 --samples 2048",
 }
+COMPARISON = "comparison"
+COMPARED = "sample_blends/many_lights.blend --resolution 252x168 --samples 16"
 
 
-def strip(picture: Path) -> None:
+def read(picture: Path) -> np.ndarray:
+    return oiio.ImageBuf(str(picture)).get_pixels(oiio.UINT8)[..., :3]
+
+
+def write(picture: Path, pixels: np.ndarray) -> None:
     """Without Blender's metadata, which holds the path of the file that was rendered."""
-    pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.UINT8)[..., :3]
     bare = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
     bare.attribute("png:compressionLevel", 9)
     output = oiio.ImageOutput.create(str(picture))
@@ -36,16 +43,32 @@ def strip(picture: Path) -> None:
         sys.exit(f"{picture} cannot be written: {oiio.geterror()}")
 
 
+def run(tool: str, options: str, output: Path) -> None:
+    command = [sys.executable, f"tools/{tool}.py", *options.split(), "-o", str(output)]
+    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+
+def compared() -> np.ndarray:
+    """Lobe's picture, Cycles', and how they differ, side by side."""
+    with TemporaryDirectory() as folder:
+        run("compare", COMPARED, Path(folder))
+        return np.concatenate([read(Path(folder, f"{name}.png")) for name in ("lobe", "cycles", "difference")], axis=1)
+
+
+def rendered(name: str) -> np.ndarray:
+    with TemporaryDirectory() as folder:
+        run("render", f"sample_blends/{name}.blend {PICTURES[name]}", Path(folder, "picture.png"))
+        return read(Path(folder, "picture.png"))
+
+
 def main(names: list[str]) -> None:
-    unknown = [name for name in names if name not in PICTURES]
+    known = [*PICTURES, COMPARISON]
+    unknown = [name for name in names if name not in known]
     if unknown:
-        sys.exit(f"no such picture: {', '.join(unknown)}; there are {', '.join(PICTURES)}")
-    for name in names or PICTURES:
+        sys.exit(f"no such picture: {', '.join(unknown)}; there are {', '.join(known)}")
+    for name in names or known:
         picture = ROOT / "docs" / "images" / f"{name}.png"
-        command = [sys.executable, "tools/render.py", f"sample_blends/{name}.blend", *PICTURES[name].split()]
-        command += ["-o", str(picture)]
-        subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-        strip(picture)
+        write(picture, compared() if name == COMPARISON else rendered(name))
         size = picture.stat().st_size
         print(f"{picture.relative_to(ROOT)}  {size / 1000:.0f} kB")
         if size > LIMIT:
